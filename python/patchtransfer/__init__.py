@@ -1,0 +1,22 @@
+"""Parameterization transfer for isogeometric analysis, with a proof of injectivity."""
+
+from __future__ import annotations
+
+from ._core import __version__
+from .errors import InfeasibleTargetError, InputError, NotCertifiedError, TransferError
+from .multipatch import Boundary, Interface, MultiPatch, Side
+from .splines import BSplineCurve, Patch
+
+__all__ = [
+    "BSplineCurve",
+    "Boundary",
+    "InfeasibleTargetError",
+    "InputError",
+    "Interface",
+    "MultiPatch",
+    "NotCertifiedError",
+    "Patch",
+    "Side",
+    "TransferError",
+    "__version__",
+]

@@ -1,0 +1,222 @@
+"""`MultiPatch` (patches glued along sides) and `Boundary` (closed loops of curves): immutable values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .errors import InputError
+from .splines import BSplineCurve, FloatArray, Patch
+
+if TYPE_CHECKING:
+    from .topology import BoundarySide, Topology, Vertex
+
+__all__ = ["Boundary", "Interface", "MultiPatch", "Side"]
+
+
+class Side(IntEnum):
+    """A side of a patch, numbered as in G+Smo."""
+
+    WEST = 1
+    """u = first knot."""
+    EAST = 2
+    """u = last knot."""
+    SOUTH = 3
+    """v = first knot."""
+    NORTH = 4
+    """v = last knot."""
+
+    @property
+    def axis(self) -> int:
+        """Direction that runs along the side: 1 (v) for west and east, 0 (u) for south and north."""
+        return 1 if self <= Side.EAST else 0
+
+    @property
+    def at_end(self) -> bool:
+        """Whether the side lies at the last knot of the direction across it."""
+        return self in (Side.EAST, Side.NORTH)
+
+    def of(self, array: FloatArray, row: int = 0) -> FloatArray:
+        """The slice of an (n_u, n_v, ...) array on this side, `row` rows into the patch."""
+        index = -1 - row if self.at_end else row
+        return array[index] if self.axis == 1 else array[:, index]
+
+
+@dataclass(frozen=True)
+class Interface:
+    """Two patch sides that are glued.
+
+    `reversed` says whether the parameters along the two sides run in opposite directions.
+    """
+
+    patch_a: int
+    side_a: Side
+    patch_b: int
+    side_b: Side
+    reversed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class MultiPatch:
+    """Tensor-product patches and how they are glued.
+
+    Parameters
+    ----------
+    patches : sequence of Patch
+    interfaces : sequence of Interface, optional
+        None (the default) infers them from coinciding side control points.
+    ids : sequence of int, optional
+        Identifiers of the patches in the file they came from; default 0, 1, ...
+
+    Raises
+    ------
+    InputError
+        When an interface names a patch that does not exist, sides whose degrees or knots differ, or sides
+        whose control points do not coincide.
+    """
+
+    patches: tuple[Patch, ...]
+    interfaces: tuple[Interface, ...]
+    ids: tuple[int, ...]
+
+    def __init__(
+        self,
+        patches: Iterable[Patch],
+        interfaces: Iterable[Interface] | None = None,
+        ids: Sequence[int] | None = None,
+    ) -> None:
+        from .topology import check_interfaces, infer_interfaces
+
+        patches = tuple(patches)
+        if not patches:
+            raise InputError("a multi-patch needs at least one patch")
+        ids = tuple(range(len(patches))) if ids is None else tuple(int(i) for i in ids)
+        if len(set(ids)) != len(patches):
+            raise InputError(f"{len(patches)} patches need as many distinct ids, got {ids}")
+        glued = infer_interfaces(patches) if interfaces is None else tuple(interfaces)
+        check_interfaces(patches, glued)
+        object.__setattr__(self, "patches", patches)
+        object.__setattr__(self, "interfaces", glued)
+        object.__setattr__(self, "ids", ids)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, MultiPatch) and (
+            self.patches == other.patches and self.interfaces == other.interfaces and self.ids == other.ids
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __len__(self) -> int:
+        return len(self.patches)
+
+    def __repr__(self) -> str:
+        holes = len(self.loops) - 1
+        return (
+            f"<MultiPatch: {len(self.patches)} patches, {len(self.interfaces)} interfaces, "
+            f"{holes} hole{'' if holes == 1 else 's'}, {self.topology.n_points} control points>"
+        )
+
+    @cached_property
+    def topology(self) -> Topology:
+        """Everything combinatorial: shared control points, loops, vertices, chords, orientation."""
+        from .topology import Topology
+
+        return Topology(self)
+
+    @property
+    def boundaries(self) -> tuple[tuple[int, Side], ...]:
+        """Sides (patch, side) that belong to no interface."""
+        return self.topology.boundaries
+
+    @property
+    def loops(self) -> tuple[tuple[BoundarySide, ...], ...]:
+        """Boundary loops as chains of sides, the domain on their left; the outer loop first."""
+        return self.topology.loops
+
+    @property
+    def vertices(self) -> tuple[Vertex, ...]:
+        """Vertices with the patches around them and their valence."""
+        return self.topology.vertices
+
+    @property
+    def is_rational(self) -> bool:
+        """Whether any patch has weights."""
+        return any(patch.weights is not None for patch in self.patches)
+
+    @cached_property
+    def diameter(self) -> float:
+        """Diagonal of the control points' bounding box, the length that tolerances are relative to."""
+        points = np.concatenate([patch.control_points.reshape(-1, 2) for patch in self.patches])
+        return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+    def with_control_points(self, control_points: Sequence[FloatArray]) -> MultiPatch:
+        """The same topology, degrees and knots with other control points, one (n_u, n_v, 2) array a patch."""
+        patches = [p.with_control_points(c) for p, c in zip(self.patches, control_points, strict=True)]
+        return MultiPatch(patches, self.interfaces, self.ids)
+
+    def boundary(self) -> Boundary:
+        """The boundary curves, loop by loop, the domain on their left."""
+        return Boundary([[side.curve(self.patches) for side in loop] for loop in self.loops])
+
+    def _repr_png_(self) -> bytes:
+        from .plot import png
+
+        return png(self)
+
+    def _repr_html_(self) -> str:
+        from .plot import html
+
+        return html(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """Closed boundary loops of a planar domain, each a chain of curves.
+
+    Parameters
+    ----------
+    loops : sequence of sequences of BSplineCurve
+        Within a loop every curve ends where the next one starts, and the last where the first starts; order
+        of the loops and their sense are free. (`patchtransfer.io` chains loose curves.)
+
+    Raises
+    ------
+    InputError
+        When a loop is empty or open; the message names loop and curve.
+    """
+
+    loops: tuple[tuple[BSplineCurve, ...], ...]
+
+    def __init__(self, loops: Iterable[Iterable[BSplineCurve]]) -> None:
+        loops = tuple(tuple(loop) for loop in loops)
+        if not loops or not all(loops):
+            raise InputError("a boundary needs at least one loop, and every loop at least one curve")
+        object.__setattr__(self, "loops", loops)
+        tolerance = 1e-6 * self.diameter
+        for k, loop in enumerate(loops):
+            for i, curve in enumerate(loop):
+                gap = float(np.linalg.norm(curve.end - loop[(i + 1) % len(loop)].start))
+                if gap > tolerance:
+                    raise InputError(
+                        f"boundary loop {k} is open: curve {i} ends {gap:.3g} away from the start of curve "
+                        f"{(i + 1) % len(loop)} (tolerance {tolerance:.3g}); close the loop"
+                    )
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Boundary) and self.loops == other.loops
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        return f"<Boundary: {len(self.loops)} loops of {', '.join(str(len(x)) for x in self.loops)} curves>"
+
+    @cached_property
+    def diameter(self) -> float:
+        """Diagonal of the control points' bounding box."""
+        points = np.concatenate([curve.control_points for loop in self.loops for curve in loop])
+        return float(np.linalg.norm(np.ptp(points, axis=0)))

@@ -1,0 +1,338 @@
+"""Stage 1, topology: from patches and interfaces to shared control points, loops, vertices and chords.
+
+Patches may be left-handed (det J < 0 throughout) as they often are in files. Nothing is flipped: each patch
+carries a sign, and "the domain on the left" of a boundary side is decided with it.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from .errors import InputError
+from .multipatch import Interface, MultiPatch, Side
+from .splines import BSplineCurve, FloatArray, Patch, reverse_knots
+
+__all__ = ["BoundarySide", "Topology", "Vertex", "check_interfaces", "infer_interfaces"]
+
+IntArray = NDArray[np.int64]
+
+#: Side control points closer than this (relative to the diameter) are the same point. Files are often written
+#: with six digits.
+COINCIDENCE = 1e-5
+
+CORNERS = ((0, 0), (-1, 0), (0, -1), (-1, -1))
+"""Patch corners as indices into the control points."""
+
+
+@dataclass(frozen=True)
+class BoundarySide:
+    """A patch side on the boundary, traversed with the domain on its left.
+
+    `reversed` says whether that is against the side's own parameter.
+    """
+
+    patch: int
+    side: Side
+    reversed: bool
+
+    def curve(self, patches: Sequence[Patch]) -> BSplineCurve:
+        """The boundary curve in the sense of the loop."""
+        patch = patches[self.patch]
+        axis = self.side.axis
+        weights = None if patch.weights is None else self.side.of(patch.weights)
+        curve = BSplineCurve(patch.knots[axis], patch.degrees[axis], self.side.of(patch.control_points), weights)
+        return curve.reversed() if self.reversed else curve
+
+    def points(self, array: IntArray) -> IntArray:
+        """Entries of an (n_u, n_v) array along the side in the sense of the loop."""
+        along = self.side.of(array)
+        return along[::-1] if self.reversed else along
+
+
+@dataclass(frozen=True)
+class Vertex:
+    """A patch corner shared by `corners`, pairs (patch, corner), corner 0 to 3 = (0,0), (1,0), (0,1), (1,1).
+
+    `valence` counts the patches around it. `extraordinary`: interior with a valence other than 4.
+    """
+
+    point: int
+    corners: tuple[tuple[int, int], ...]
+    interior: bool
+
+    @property
+    def valence(self) -> int:
+        """Number of patches that meet here."""
+        return len(self.corners)
+
+    @property
+    def extraordinary(self) -> bool:
+        """Interior vertex with a valence other than 4."""
+        return self.interior and self.valence != 4
+
+
+def infer_interfaces(patches: Sequence[Patch], tolerance: float | None = None) -> tuple[Interface, ...]:
+    """Find interfaces from sides whose control points coincide.
+
+    Parameters
+    ----------
+    patches : sequence of Patch
+    tolerance : float, optional
+        Largest distance of coinciding control points; default 1e-5 of the model's diameter.
+
+    Returns
+    -------
+    tuple of Interface
+        In the order of the patches.
+    """
+    corners = np.concatenate([p.control_points.reshape(-1, 2) for p in patches])
+    tolerance = COINCIDENCE * float(np.linalg.norm(np.ptp(corners, axis=0))) if tolerance is None else tolerance
+    middles, sides = [], []
+    for k, patch in enumerate(patches):
+        for side in Side:
+            points = side.of(patch.control_points)
+            sides.append((k, side, points))
+            middles.append((points[0] + points[-1]) / 2)
+    order = np.lexsort(np.array(middles).T[::-1])
+    found: list[Interface] = []
+    used: set[int] = set()
+    x = np.array(middles)[order, 0]
+    for position, i in enumerate(order):
+        stop = np.searchsorted(x, x[position] + tolerance, side="right")
+        for j in order[position + 1 : stop]:
+            if i in used or j in used:
+                continue
+            (a, side_a, points_a), (b, side_b, points_b) = sides[min(i, j)], sides[max(i, j)]
+            if len(points_a) != len(points_b) or (a == b and side_a == side_b):
+                continue
+            for backwards in (False, True):
+                distance = np.abs(points_a - (points_b[::-1] if backwards else points_b)).max()
+                if distance <= tolerance and np.ptp(points_a, axis=0).max() > tolerance:
+                    found.append(Interface(a, side_a, b, side_b, backwards))
+                    used |= {int(i), int(j)}
+                    break
+    return tuple(sorted(found, key=lambda f: (f.patch_a, f.side_a)))
+
+
+def check_interfaces(patches: Sequence[Patch], interfaces: Sequence[Interface]) -> None:
+    """Raise `InputError` on interfaces that do not fit the patches, naming both sides."""
+    points = np.concatenate([p.control_points.reshape(-1, 2) for p in patches])
+    tolerance = COINCIDENCE * float(np.linalg.norm(np.ptp(points, axis=0)))
+    used: set[tuple[int, Side]] = set()
+    for f in interfaces:
+        name = f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
+        for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b)):
+            if not 0 <= k < len(patches):
+                raise InputError(f"{name}: there is no patch {k}")
+            if (k, side) in used:
+                raise InputError(f"{name}: {side.name.lower()} of patch {k} is in more than one interface")
+            used.add((k, side))
+        (a, axis_a), (b, axis_b) = (
+            (patches[f.patch_a], f.side_a.axis),
+            (patches[f.patch_b], f.side_b.axis),
+        )
+        knots_b = reverse_knots(b.knots[axis_b]) if f.reversed else b.knots[axis_b]
+        knots_a, length = a.knots[axis_a], np.ptp(a.knots[axis_a])
+        if a.degrees[axis_a] != b.degrees[axis_b] or len(knots_a) != len(knots_b):
+            raise InputError(f"{name}: degrees or knots differ along it; make the patches conform first")
+        if np.abs((knots_a - knots_a[0]) / length - (knots_b - knots_b[0]) / np.ptp(knots_b)).max() > 1e-9:
+            raise InputError(f"{name}: knots differ along it; make the patches conform first")
+        points_b = f.side_b.of(b.control_points)
+        gap = np.abs(f.side_a.of(a.control_points) - (points_b[::-1] if f.reversed else points_b)).max()
+        if gap > tolerance:
+            raise InputError(
+                f"{name}: control points are {gap:.3g} apart (tolerance {tolerance:.3g}); mend the file, or "
+                "leave the interfaces out to have them inferred"
+            )
+
+
+class Topology:
+    """Combinatorics of a multi-patch, computed once.
+
+    Attributes
+    ----------
+    n_points : int
+        Number of control points after identification along interfaces.
+    points : list of (n_u, n_v) int arrays
+        Index of every patch control point among the shared ones.
+    orientation : (n_patches,) int array
+        +1 for right-handed patches, -1 for left-handed ones (sign of the signed area).
+    boundaries : tuple of (patch, Side)
+    loops : tuple of tuples of BoundarySide
+        The outer loop (largest area) first, the domain on the left.
+    vertices : tuple of Vertex
+    """
+
+    def __init__(self, multipatch: MultiPatch) -> None:
+        self.patches = multipatch.patches
+        self.interfaces = multipatch.interfaces
+        self.points, self.n_points = self._identify()
+        self.orientation = np.array([1 if signed_area(p) >= 0 else -1 for p in self.patches])
+        glued = {(f.patch_a, f.side_a) for f in self.interfaces} | {(f.patch_b, f.side_b) for f in self.interfaces}
+        self.boundaries = tuple((k, s) for k in range(len(self.patches)) for s in Side if (k, s) not in glued)
+
+    def _identify(self) -> tuple[list[IntArray], int]:
+        sizes = [p.shape[0] * p.shape[1] for p in self.patches]
+        offsets = np.concatenate([[0], np.cumsum(sizes)])
+        raw = [offsets[k] + np.arange(n).reshape(self.patches[k].shape) for k, n in enumerate(sizes)]
+        first, second = [np.empty(0, int)], [np.empty(0, int)]
+        for f in self.interfaces:
+            first.append(f.side_a.of(raw[f.patch_a]))
+            along_b = f.side_b.of(raw[f.patch_b])
+            second.append(along_b[::-1] if f.reversed else along_b)
+        i, j = np.concatenate(first), np.concatenate(second)
+        graph = coo_array((np.ones(len(i)), (i, j)), shape=(offsets[-1], offsets[-1]))
+        _, labels = connected_components(graph, directed=False)
+        # Number the shared points by first appearance, so that the numbering does not depend on the library.
+        _, first_seen, inverse = np.unique(labels, return_index=True, return_inverse=True)
+        rank = np.empty(len(first_seen), int)
+        rank[np.argsort(first_seen)] = np.arange(len(first_seen))
+        shared = rank[inverse]
+        points = [shared[offsets[k] : offsets[k + 1]].reshape(p.shape) for k, p in enumerate(self.patches)]
+        return points, len(first_seen)
+
+    @cached_property
+    def coordinates(self) -> FloatArray:
+        """Shared control points (n_points, 2); where files differ in the last digits, the mean."""
+        total, count = np.zeros((self.n_points, 2)), np.zeros(self.n_points)
+        flat = np.concatenate([p.ravel() for p in self.points])
+        control = np.concatenate([p.control_points.reshape(-1, 2) for p in self.patches])
+        np.add.at(total, flat, control)
+        np.add.at(count, flat, 1.0)
+        mean = total / count[:, None]
+        # Where all copies agree to the bit, keep them: a mean of equal numbers may round.
+        first = np.empty_like(mean)
+        first[flat[::-1]] = control[::-1]
+        differ = np.zeros(self.n_points, bool)
+        np.logical_or.at(differ, flat, (first[flat] != control).any(axis=1))
+        first[differ] = mean[differ]
+        return first
+
+    @cached_property
+    def boundary_points(self) -> IntArray:
+        """Sorted indices of the shared control points on the boundary."""
+        sides = [side.of(self.points[k]) for k, side in self.boundaries]
+        return np.unique(np.concatenate([np.empty(0, int), *sides]))
+
+    @cached_property
+    def interior_points(self) -> IntArray:
+        """Sorted indices of the shared control points off the boundary: the unknowns of a transfer."""
+        return np.setdiff1d(np.arange(self.n_points), self.boundary_points)
+
+    @cached_property
+    def n_components(self) -> int:
+        """Number of connected components."""
+        a = [f.patch_a for f in self.interfaces]
+        b = [f.patch_b for f in self.interfaces]
+        n = len(self.patches)
+        return int(connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[0])
+
+    def directed_side(self, patch: int, side: Side) -> BoundarySide:
+        """A side with the interior of its patch on the left."""
+        # On a right-handed patch south and east run forwards with the patch on the left.
+        against = side in (Side.NORTH, Side.WEST)
+        return BoundarySide(patch, side, against != bool(self.orientation[patch] < 0))
+
+    @cached_property
+    def loops(self) -> tuple[tuple[BoundarySide, ...], ...]:
+        """Boundary loops, the domain on the left, largest area first.
+
+        Raises
+        ------
+        InputError
+            When boundary sides do not chain into loops (inconsistent orientation) or loops touch in a vertex.
+        """
+        start: dict[int, BoundarySide] = {}
+        stop: dict[BoundarySide, int] = {}
+        for k, side in self.boundaries:
+            directed = self.directed_side(k, side)
+            along = directed.points(self.points[k])
+            if int(along[0]) in start:
+                other = start[int(along[0])]
+                raise InputError(
+                    f"boundary is not a set of simple loops at {self.coordinates[along[0]]}: "
+                    f"{side.name.lower()} of patch {k} and {other.side.name.lower()} of patch {other.patch} both "
+                    "start there (a patch of wrong orientation, a missing interface, or loops that touch)"
+                )
+            start[int(along[0])] = directed
+            stop[directed] = int(along[-1])
+        loops = []
+        while start:
+            loop = [start.pop(next(iter(start)))]
+            first = int(loop[0].points(self.points[loop[0].patch])[0])
+            while stop[loop[-1]] != first:
+                following = start.pop(stop[loop[-1]], None)
+                if following is None:
+                    last = loop[-1]
+                    raise InputError(
+                        f"boundary loop is open at {self.coordinates[stop[last]]}, the end of "
+                        f"{last.side.name.lower()} of patch {last.patch} (a patch of wrong orientation or a "
+                        "missing interface)"
+                    )
+                loop.append(following)
+            loops.append(tuple(loop))
+        area = [abs(polygon_area(self._loop_polygon(loop))) for loop in loops]
+        return tuple(loops[i] for i in np.argsort(-np.array(area), kind="stable"))
+
+    def _loop_polygon(self, loop: Sequence[BoundarySide]) -> FloatArray:
+        points = np.concatenate([side.points(self.points[side.patch])[:-1] for side in loop])
+        return self.coordinates[points]
+
+    @cached_property
+    def vertices(self) -> tuple[Vertex, ...]:
+        """Patch corners, shared ones once, in the order of the shared control points."""
+        around: dict[int, list[tuple[int, int]]] = defaultdict(list)
+        for k, points in enumerate(self.points):
+            for corner, (i, j) in enumerate(CORNERS):
+                around[int(points[i, j])].append((k, corner))
+        boundary = set(self.boundary_points.tolist())
+        return tuple(Vertex(v, tuple(around[v]), v not in boundary) for v in sorted(around))
+
+    @cached_property
+    def chords(self) -> tuple[tuple[int, ...], ...]:
+        """Interfaces (indices) joined through opposite edges of interior valence-4 vertices."""
+        ends: dict[int, list[tuple[int, set[int]]]] = defaultdict(list)
+        for i, f in enumerate(self.interfaces):
+            along = f.side_a.of(self.points[f.patch_a])
+            for point in {int(along[0]), int(along[-1])}:
+                ends[point].append((i, {f.patch_a, f.patch_b}))
+        pairs = []
+        for vertex in self.vertices:
+            if vertex.interior and vertex.valence == 4:
+                around = ends[vertex.point]
+                # Opposite edges of a regular vertex share no patch.
+                pairs += [(i, j) for i, a in around for j, b in around if i < j and not a & b]
+        n = len(self.interfaces)
+        if n == 0:
+            return ()
+        i, j = np.array(pairs, int).reshape(-1, 2).T
+        _, label = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(n, n)), directed=False)
+        groups: dict[int, list[int]] = defaultdict(list)
+        for index, group in enumerate(label.tolist()):
+            groups[group].append(index)
+        return tuple(tuple(g) for g in groups.values())
+
+
+def polygon_area(points: FloatArray) -> float:
+    """Signed area of a closed polygon (n, 2)."""
+    x, y = points.T
+    return float(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+
+
+def signed_area(patch: Patch) -> float:
+    """Signed area of a patch's control polygon frame, refined by its sides: the sign of its orientation."""
+    sides = [
+        Side.SOUTH.of(patch.control_points)[:-1],
+        Side.EAST.of(patch.control_points)[:-1],
+        Side.NORTH.of(patch.control_points)[:0:-1],
+        Side.WEST.of(patch.control_points)[:0:-1],
+    ]
+    return polygon_area(np.concatenate(sides))

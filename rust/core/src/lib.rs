@@ -1,0 +1,5 @@
+//! The numerical core of patchtransfer: pure Rust, no Python.
+//!
+//! One file per published method or data structure; `rust/py` only converts.
+
+pub mod spline;

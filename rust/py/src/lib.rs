@@ -1,0 +1,13 @@
+//! The Python module `patchtransfer._core`: converts arguments, releases the GIL, maps errors. No algorithms.
+
+use pyo3::prelude::*;
+
+mod convert;
+mod spline;
+
+#[pymodule(name = "_core")]
+fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    spline::register(m)?;
+    Ok(())
+}

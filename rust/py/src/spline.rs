@@ -1,0 +1,31 @@
+//! Bindings of `patchtransfer_core::spline`.
+
+use numpy::ndarray::Array3;
+use numpy::{IntoPyArray, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use patchtransfer_core::spline;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// Homogeneous Bézier points (m, degree + 1, 3) of the spans of a spline with coefficients (n, 3).
+#[pyfunction]
+fn bezier_extract<'py>(
+    py: Python<'py>,
+    knots: PyReadonlyArray1<'py, f64>,
+    degree: usize,
+    coefficients: PyReadonlyArray2<'py, f64>,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    if coefficients.shape()[1] != 3 || knots.len() != coefficients.shape()[0] + degree + 1 {
+        return Err(PyValueError::new_err("knots, degree and coefficients (n, 3) do not fit"));
+    }
+    let c: Vec<[f64; 3]> = coefficients.as_array().rows().into_iter().map(|r| [r[0], r[1], r[2]]).collect();
+    let pieces = spline::bezier_extract(&knots.as_array().to_vec(), degree, &c);
+    let m = pieces.len() / (degree + 1);
+    let flat: Vec<f64> = pieces.into_iter().flatten().collect();
+    let array = Array3::from_shape_vec((m, degree + 1, 3), flat).expect("sizes agree");
+    Ok(array.into_pyarray(py))
+}
+
+/// Add this file's functions to the module.
+pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_function(wrap_pyfunction!(bezier_extract, m)?)
+}
