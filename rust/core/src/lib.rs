@@ -2,4 +2,5 @@
 //!
 //! One file per published method or data structure; `rust/py` only converts.
 
+pub mod sparse;
 pub mod spline;
