@@ -2,5 +2,9 @@
 //!
 //! One file per published method or data structure; `rust/py` only converts.
 
+pub mod barrier;
+pub mod elements;
+pub mod optimizer;
+pub mod quadrature;
 pub mod sparse;
 pub mod spline;

@@ -84,6 +84,12 @@ impl Cholesky {
         self.symbolic.nrows()
     }
 
+    /// Position of every diagonal entry among the values of the pattern.
+    pub fn diagonal(&self) -> Vec<usize> {
+        let offsets = self.pattern.col_ptr();
+        (0..self.dimension()).map(|j| offsets[j + 1] as usize - 1).collect()
+    }
+
     /// Factorize the matrix whose upper-triangle values, in the order of the pattern, are `values`.
     pub fn factorize(&mut self, values: &[f64]) -> Result<(), SparseError> {
         let matrix = SparseColMatRef::new(self.pattern.as_ref(), values);

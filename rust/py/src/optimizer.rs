@@ -1,0 +1,158 @@
+//! Bindings of `patchtransfer_core::optimizer`.
+
+use crate::convert::{PatchTuple, patch, points2};
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use patchtransfer_core::elements::Elements;
+use patchtransfer_core::optimizer::{Settings, SplineOptimizer as Core, Step, Stop};
+use patchtransfer_core::sparse::{CooMatrix, CscMatrix};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use std::ops::ControlFlow;
+
+type Triplets<'py> =
+    (PyReadonlyArray1<'py, i64>, PyReadonlyArray1<'py, i64>, PyReadonlyArray1<'py, f64>, usize);
+
+/// Columns energy, min_det, eps, decrement, one row a step.
+type Outcome<'py> = (Bound<'py, PyArray2<f64>>, f64, f64, Bound<'py, PyArray2<f64>>, &'static str);
+
+/// A multi-patch prepared for harmonic maps and distortion minimisation.
+#[pyclass]
+struct SplineOptimizer {
+    core: Core,
+}
+
+fn runtime(error: impl std::fmt::Display) -> PyErr {
+    PyRuntimeError::new_err(error.to_string())
+}
+
+fn array2<'py>(py: Python<'py>, points: &[[f64; 2]]) -> Bound<'py, PyArray2<f64>> {
+    let flat: Vec<f64> = points.iter().flatten().copied().collect();
+    Array2::from_shape_vec((points.len(), 2), flat).expect("sizes agree").into_pyarray(py)
+}
+
+#[pymethods]
+impl SplineOptimizer {
+    #[new]
+    #[pyo3(signature = (reference, indices, n_points, free, nodes_per_degree=2, extra=vec![], excluded=vec![], z=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        py: Python<'_>,
+        reference: Vec<PatchTuple<'_>>,
+        indices: Vec<PyReadonlyArray1<'_, i64>>,
+        n_points: usize,
+        free: Vec<usize>,
+        nodes_per_degree: usize,
+        extra: Vec<(usize, f64, f64)>,
+        excluded: Vec<(usize, usize)>,
+        z: Option<Triplets<'_>>,
+    ) -> PyResult<Self> {
+        let reference = reference.iter().map(patch).collect::<PyResult<Vec<_>>>()?;
+        let indices: Vec<Vec<u32>> =
+            indices.iter().map(|a| a.as_array().iter().map(|&i| i as u32).collect()).collect();
+        let fits = indices.len() == reference.len()
+            && indices.iter().zip(&reference).all(|(i, p)| i.len() == p.points.len())
+            && indices.iter().flatten().all(|&i| (i as usize) < n_points)
+            && free.iter().all(|&i| i < n_points)
+            && extra.iter().all(|e| e.0 < reference.len());
+        if !fits {
+            return Err(PyValueError::new_err("indices, free points or extra nodes do not fit the patches"));
+        }
+        let z = z.map(|(i, j, v, columns)| {
+            let mut coo = CooMatrix::new(free.len(), columns);
+            let (i, j, v) = (i.as_array(), j.as_array(), v.as_array());
+            for k in 0..v.len() {
+                coo.push(i[k] as usize, j[k] as usize, v[k]);
+            }
+            CscMatrix::from(&coo)
+        });
+        py.detach(|| {
+            let rule = |degree: usize| nodes_per_degree * degree + 1;
+            let elements = Elements::new(&reference, &indices, rule, &extra, &excluded).map_err(runtime)?;
+            Ok(Self { core: Core::new(elements, n_points, free, z).map_err(runtime)? })
+        })
+    }
+
+    fn harmonic<'py>(
+        &self,
+        py: Python<'py>,
+        points: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let x = self.shared_points(&points)?;
+        let out = py.detach(|| self.core.harmonic(&x)).map_err(runtime)?;
+        Ok(array2(py, &out))
+    }
+
+    fn determinants(&self, py: Python<'_>, points: PyReadonlyArray2<'_, f64>) -> PyResult<(f64, f64)> {
+        let x = self.shared_points(&points)?;
+        Ok(py.detach(|| self.core.determinants(&x)))
+    }
+
+    #[pyo3(signature = (points, lambda_=0.3, max_steps=200, tolerance=1e-8, callback=None))]
+    fn minimise<'py>(
+        &mut self,
+        py: Python<'py>,
+        points: PyReadonlyArray2<'py, f64>,
+        lambda_: f64,
+        max_steps: usize,
+        tolerance: f64,
+        callback: Option<Py<PyAny>>,
+    ) -> PyResult<Outcome<'py>> {
+        let x = self.shared_points(&points)?;
+        let settings = Settings { lambda: lambda_, max_steps, tolerance };
+        let mut failure: Option<PyErr> = None;
+        let mut count = 0_usize;
+        let outcome = py.detach(|| {
+            self.core.minimise(&x, settings, |step: &Step| {
+                count += 1;
+                // Back in Python for a moment: Ctrl-C and the progress callback.
+                let seen = Python::attach(|py| {
+                    py.check_signals()?;
+                    callback
+                        .as_ref()
+                        .map_or(Ok(()), |f| f.call1(py, (count, step.energy, step.min_det)).map(|_| ()))
+                });
+                match seen {
+                    Ok(()) => ControlFlow::Continue(()),
+                    Err(error) => {
+                        failure = Some(error);
+                        ControlFlow::Break(())
+                    }
+                }
+            })
+        });
+        if let Some(error) = failure {
+            return Err(error);
+        }
+        let outcome = outcome.map_err(runtime)?;
+        let history: Vec<f64> =
+            outcome.steps.iter().flat_map(|s| [s.energy, s.min_det, s.eps, s.decrement]).collect();
+        let history = Array2::from_shape_vec((outcome.steps.len(), 4), history).expect("four columns");
+        let stop = match outcome.stop {
+            Stop::Converged => "converged",
+            Stop::StepLimit => "step limit",
+            Stop::Stalled => "stalled",
+            Stop::Interrupted => "interrupted",
+        };
+        Ok((array2(py, &outcome.points), outcome.energy, outcome.min_det, history.into_pyarray(py), stop))
+    }
+}
+
+impl SplineOptimizer {
+    fn shared_points(&self, points: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; 2]>> {
+        let x = points2(points)?;
+        if x.len() != self.core.n_points() {
+            return Err(PyValueError::new_err(format!(
+                "expected {} points, got {}",
+                self.core.n_points(),
+                x.len()
+            )));
+        }
+        Ok(x)
+    }
+}
+
+/// Add this file's class to the module.
+pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_class::<SplineOptimizer>()
+}
