@@ -1,0 +1,312 @@
+"""Command line: ``patchtransfer transfer | check | plot | examples``.
+
+Exit status: 0 a certified result (or model), 1 not certified, 2 bad input or an infeasible target. Nothing is
+written with status 2, nor with 1 unless ``--keep-uncertified``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from . import __version__
+from .errors import InputError, NotCertifiedError, TransferError
+
+__all__ = ["main"]
+
+NOT_CERTIFIED, BAD_INPUT = 1, 2
+
+
+def _print_error(message: str) -> None:
+    Console(stderr=True, soft_wrap=True, highlight=False).print(f"[bold red]error:[/] {_escape(message)}")
+
+
+def _escape(text: str) -> str:
+    from rich.markup import escape
+
+    return escape(" ".join(str(text).split()))
+
+
+@contextmanager
+def _failures(report: _Report) -> Iterator[None]:
+    """Turn the package's errors into one line on standard error, a JSON report and an exit status."""
+    try:
+        yield
+    except NotCertifiedError as error:
+        _print_error(str(error))
+        details = error.result.to_dict() if error.result is not None else {}
+        report.write(details | {"error": str(error)}, failed=True)
+        sys.exit(NOT_CERTIFIED)
+    except TransferError as error:
+        _print_error(str(error))
+        report.write({"error": str(error)}, failed=True)
+        sys.exit(BAD_INPUT)
+    except KeyboardInterrupt:
+        _print_error("interrupted; nothing was written")
+        sys.exit(130)
+
+
+class _Report:
+    """The JSON report: a file, standard output for "-", or nowhere."""
+
+    def __init__(self, path: str | None) -> None:
+        self.path = path
+
+    def write(self, content: dict[str, Any], failed: bool = False) -> None:
+        """Write the report; after a failure only to standard output, because files are left alone then."""
+        if self.path is None or (failed and self.path != "-"):
+            return
+        text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+        if self.path == "-":
+            click.echo(text, nl=False)
+        else:
+            from .io.atomic import write_atomic
+
+            write_atomic(Path(self.path), text)
+
+
+def _check_outputs(*paths: str | None) -> None:
+    """Refuse unwritable outputs before the work starts."""
+    for path in paths:
+        if path is None or path == "-":
+            continue
+        folder = Path(path).absolute().parent
+        if not folder.is_dir():
+            raise InputError(f"{path}: the folder {folder} does not exist; create it first")
+        if not os.access(folder, os.W_OK) or Path(path).is_dir():
+            raise InputError(f"{path}: cannot be written; choose another place or change the permissions")
+
+
+def _set_threads(threads: int | None) -> None:
+    if threads is not None:
+        from . import _core
+
+        _core.set_threads(threads)
+
+
+_json = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="patchtransfer")
+def main() -> None:
+    """Transfer multi-patch B-spline parameterizations to new boundaries, with a proof of injectivity."""
+
+
+@main.command()
+@click.argument("source", type=click.Path())
+@click.argument("target", type=click.Path())
+@click.option("-o", "--output", required=True, metavar="OUT.xml", help="Transferred multi-patch (G+Smo XML).")
+@click.option("--landmarks", metavar="L.csv", help="Corresponding boundary points, columns xs,ys,xt,yt.")
+@click.option(
+    "--continuity", type=click.Choice(["c0", "c1", "g1"]), default="c0", show_default=True, help="Across patches."
+)
+@click.option(
+    "--method", type=click.Choice(["certified", "paper"]), default="certified", show_default=True
+)
+@click.option(
+    "--refine",
+    type=click.Choice(["never", "auto"]),
+    default="never",
+    show_default=True,
+    help="Allow one uniform refinement of the source.",
+)
+@click.option("--fit-tolerance", type=float, default=1e-3, show_default=True, metavar="X", help="Boundary error.")
+@click.option("--fixed-correspondence", is_flag=True, help="Keep the joints where registration puts them.")
+@click.option("--keep-uncertified", is_flag=True, help="Write the best map even without a certificate.")
+@click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
+@click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
+@_json
+@click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads of the core (default: all).")
+def transfer(
+    source: str,
+    target: str,
+    output: str,
+    landmarks: str | None,
+    continuity: str,
+    method: str,
+    refine: str,
+    fit_tolerance: float,
+    fixed_correspondence: bool,
+    keep_uncertified: bool,
+    plot_path: str | None,
+    plot_registration: str | None,
+    json_path: str | None,
+    threads: int | None,
+) -> None:
+    """Transfer the parameterization SOURCE to the boundary TARGET.
+
+    SOURCE is a multi-patch (G+Smo XML). TARGET is a boundary: G+Smo XML, closed point lists (CSV) or an SVG
+    drawing. Joints stay where registration puts them in this version, with or without --fixed-correspondence.
+    """
+    from . import io, plot
+    from .transfer import transfer as run
+
+    report = _Report(json_path)
+    with _failures(report):
+        _check_outputs(output, plot_path, plot_registration, json_path)
+        _set_threads(threads)
+        model, boundary = io.read(source), io.read_boundary(target)
+        points = None if landmarks is None else io.read_landmarks(landmarks)
+        with _progress() as progress:
+            result = run(
+                model,
+                boundary,
+                points,
+                continuity,
+                method,
+                progress,
+                refine=refine,
+                fit_tolerance=fit_tolerance,
+                on_failure="return" if keep_uncertified else "raise",
+            )
+        # Pictures before the result: a failure leaves no output without them.
+        if plot_path is not None:
+            metrics = result.quality.scaled_jacobian
+            caption = f"{result.certificate.status}; scaled Jacobian {metrics.min:.3f} to {metrics.max:.3f}, mean {metrics.mean:.3f}"
+            plot.savefig(plot.transfer(model, boundary, result.multipatch, caption=caption), plot_path)
+        if plot_registration is not None:
+            pairs = [[*a, *b] for a, b in result.registration.joints]
+            fitted = result.multipatch.boundary()
+            plot.savefig(plot.registration(model.boundary(), fitted, pairs, boundary), plot_registration)
+        io.write(result.multipatch, output)
+        content = result.to_dict()
+        if not result.certificate.injective:
+            content["error"] = str(result.certificate)
+        report.write(content)
+    quiet = json_path == "-"
+    if not quiet:
+        _summary(result.to_dict(), output)
+    for warning in result.warnings:
+        Console(stderr=True, soft_wrap=True, highlight=False).print(f"[yellow]warning:[/] {_escape(warning)}")
+    sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
+
+
+@main.command()
+@click.argument("file", type=click.Path())
+@_json
+def check(file: str, json_path: str | None) -> None:
+    """Topology, certificate, quality and continuity of the multi-patch FILE."""
+    from . import io
+    from .certificate import certify
+    from .continuity import check_continuity
+    from .quality import quality
+
+    report = _Report(json_path)
+    with _failures(report):
+        _check_outputs(json_path)
+        model = io.read(file)
+        certificate = certify(model)
+        degenerate = [(c.patch, c.point) for c in certificate.cells if c.kind == "degenerate"]
+        corners = [_corner_index(model.patches[k].knots, point) for k, point in degenerate]
+        content = {
+            "topology": _topology(model),
+            "certificate": certificate.to_dict(),
+            "quality": quality(model, exclude=[(k, c) for (k, _), c in zip(degenerate, corners, strict=True)]).to_dict(),
+            "continuity": check_continuity(model).to_dict(),
+            "error": None,
+        }
+        report.write(content)
+    if json_path != "-":
+        _summary(content, None)
+        for reason in certificate.reasons:
+            click.echo(reason)
+    sys.exit(0 if certificate.injective else NOT_CERTIFIED)
+
+
+@main.command()
+@click.argument("file", type=click.Path())
+@click.option("-o", "--output", required=True, metavar="P.png", help="Picture (PNG, PDF or SVG).")
+def plot(file: str, output: str) -> None:
+    """Draw the multi-patch FILE: iso-parametric lines coloured by scaled Jacobian."""
+    from . import io
+    from . import plot as plots
+
+    with _failures(_Report(None)):
+        _check_outputs(output)
+        figure = plots.multipatch(io.read(file))
+        plots.savefig(figure, output)
+
+
+def _corner_index(knots: Any, point: tuple[float, float]) -> int:
+    return int(point[0] == knots[0][-1]) + 2 * int(point[1] == knots[1][-1])
+
+
+def _topology(model: Any) -> dict[str, Any]:
+    vertices = model.vertices
+    return {
+        "patches": len(model.patches),
+        "interfaces": len(model.interfaces),
+        "boundary_loops": len(model.loops),
+        "control_points": model.topology.n_points,
+        "left_handed_patches": int((model.topology.orientation < 0).sum()),
+        "extraordinary_vertices": [
+            {"point": model.topology.coordinates[v.point].tolist(), "valence": v.valence}
+            for v in vertices
+            if v.extraordinary
+        ],
+    }
+
+
+def _summary(content: dict[str, Any], output: str | None) -> None:
+    """Certificate, metrics, errors and times as a table."""
+    table = Table(show_header=False, box=None, pad_edge=False)
+    certificate, metrics = content["certificate"], content["quality"]
+    bound = f", det J ≥ {certificate['lower_bound']:.3g} of its mean" if certificate["status"] == "certified" else ""
+    colour = "green" if certificate["injective"] else "red"
+    table.add_row("certificate", f"[bold {colour}]{certificate['status']}[/]{bound}")
+    for name in ("scaled_jacobian", "condition_number"):
+        low, mean, high = (_number(metrics[name][k]) for k in ("min", "mean", "max"))
+        table.add_row(name.replace("_", " "), f"min {low}   mean {mean}   max {high}")
+    if "corner_bound" in content:
+        table.add_row("  corners allow at most", _number(content["corner_bound"]))
+    kink = content["continuity"]["kink_deg"]
+    table.add_row("kink across patches", f"mean {_number(kink['mean'])}°   max {_number(kink['max'])}°")
+    if "topology" in content:
+        topology = content["topology"]
+        valences = sorted(v["valence"] for v in topology["extraordinary_vertices"])
+        table.add_row(
+            "topology",
+            f"{topology['patches']} patches, {topology['interfaces']} interfaces, {topology['boundary_loops']} loops, "
+            f"extraordinary vertices of valence {', '.join(map(str, valences)) or 'none'}",
+        )
+    if "boundary_error" in content:
+        table.add_row("boundary error", f"{content['boundary_error']:.2e} of the diameter")
+        times = content["timings"]
+        stages = "   ".join(f"{stage} {1e3 * t:.1f}" for stage, t in times.items())
+        table.add_row("time", f"{1e3 * sum(times.values()):.1f} ms: {stages}")
+    if output is not None:
+        table.add_row("written", output)
+    Console(soft_wrap=True, highlight=False).print(table)
+
+
+def _number(x: float | None) -> str:
+    return "-" if x is None else f"{x:.4g}"
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, int, float, float], None] | None]:
+    """A status line on terminals, nothing when piped."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    with console.status("transferring") as status:
+
+        def show(stage: str, step: int, energy: float, determinant: float) -> None:
+            status.update(f"{stage}: step {step}, energy {energy:.4g}, smallest determinant {determinant:.3g}")
+
+        yield show
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,97 @@
+"""The result of a transfer with all its evidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from .certificate import Certificate
+from .continuity import ContinuityReport
+from .fitting import FittedBoundary
+from .multipatch import MultiPatch
+from .quality import Quality
+from .registration import Registration
+
+__all__ = ["TransferResult"]
+
+
+@dataclass(frozen=True, eq=False)
+class TransferResult:
+    """A transferred parameterization and its evidence.
+
+    Attributes
+    ----------
+    multipatch : MultiPatch
+        The source's patches, degrees, knots and interfaces on the target.
+    certificate : Certificate
+        Proof of injectivity, or where it fails.
+    quality : Quality
+        Scaled Jacobian and condition number (paper Eq. 19-21).
+    continuity : ContinuityReport
+        Gaps, C1 residual, kink angles and AS-G1 residual across interfaces.
+    boundary_error : float
+        Hausdorff distance of the boundary to the target, relative to the target's diameter.
+    registration : Registration
+        Which boundary points correspond, with a confidence.
+    fitted : FittedBoundary
+        Boundary curves with the error of every side.
+    corner_bound : float
+        Upper bound of the minimum scaled Jacobian that the boundary's corners alone impose (1 without corners).
+    method : str
+    log : tuple of str
+        What each rung of the method did.
+    warnings : tuple of str
+    timings : dict
+        Seconds per stage.
+    """
+
+    multipatch: MultiPatch
+    certificate: Certificate
+    quality: Quality
+    continuity: ContinuityReport
+    boundary_error: float
+    registration: Registration
+    fitted: FittedBoundary
+    corner_bound: float
+    method: str
+    log: tuple[str, ...]
+    warnings: tuple[str, ...]
+    timings: dict[str, float]
+
+    def with_warning(self, text: str) -> TransferResult:
+        """The result with one more warning."""
+        return replace(self, warnings=(*self.warnings, text))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the geometry, ready for JSON."""
+        return {
+            "certificate": self.certificate.to_dict(),
+            "quality": self.quality.to_dict(),
+            "corner_bound": self.corner_bound,
+            "continuity": self.continuity.to_dict(),
+            "boundary_error": self.boundary_error,
+            "registration": {
+                "joints": [{"source": a.tolist(), "target": b.tolist()} for a, b in self.registration.joints],
+                "confidence": self.registration.confidence,
+            },
+            "method": self.method,
+            "log": list(self.log),
+            "timings": self.timings,
+            "warnings": list(self.warnings),
+            "error": None,
+        }
+
+    def __repr__(self) -> str:
+        return (
+            f"<TransferResult: {self.certificate.status}, scaled Jacobian "
+            f"{self.quality.scaled_jacobian.min:.3f} / {self.quality.scaled_jacobian.mean:.3f}, boundary error "
+            f"{self.boundary_error:.1e}>"
+        )
+
+    def _repr_png_(self) -> bytes:
+        return self.multipatch._repr_png_()
+
+    def _repr_html_(self) -> str:
+        return f"<p>{self!r}</p>".replace("<TransferResult", "TransferResult").replace(">", "", 0) + (
+            self.multipatch._repr_html_()
+        )

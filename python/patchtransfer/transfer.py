@@ -1,0 +1,371 @@
+"""The driver: source multi-patch + target boundary -> the same patches on the target, with a proof.
+
+Reads like the pipeline: register, fit, check feasibility, map, optimise, certify, measure. Each stage is a module
+of its own that takes and returns plain values.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .background_mesh import source_mesh
+from .bounded_distortion import remove_foldovers
+from .certificate import Certificate, certify
+from .continuity import check_continuity
+from .errors import InputError, NotCertifiedError, TransferError
+from .feasibility import check_corners, check_loops
+from .fitting import FittedBoundary, fit_boundary
+from .harmonic import mesh_harmonic_map
+from .multipatch import Boundary, MultiPatch
+from .optimize import Progress, SplineOptimizer, degenerate_corners, optimize_with_ladder
+from .quality import quality
+from .registration import Registration, register
+from .result import TransferResult
+from .splines import FloatArray
+
+__all__ = ["TransferPlan", "transfer"]
+
+METHODS = ("certified", "paper")
+CONTINUITY = ("c0", "c1", "g1")
+
+
+def transfer(
+    source: MultiPatch,
+    target: Boundary,
+    landmarks: ArrayLike | None = None,
+    continuity: str = "c0",
+    method: str = "certified",
+    progress: Progress | None = None,
+    *,
+    refine: str = "never",
+    fit_tolerance: float = 1e-3,
+    on_failure: str = "raise",
+) -> TransferResult:
+    """Transfer a multi-patch parameterization to a target boundary.
+
+    Parameters
+    ----------
+    source : MultiPatch
+        Polynomial patches, injective, connected.
+    target : Boundary
+        Closed loops in any order, sense, start, segmentation and degree; as many as the source has.
+    landmarks : (r, 4) array, optional
+        Rows (xs, ys, xt, yt) of corresponding boundary points; see `register`.
+    continuity : {"c0"}, default "c0"
+        Continuity across patches. "c1" and "g1" are refused in this version.
+    method : {"certified", "paper"}, default "certified"
+        "certified" optimises the spline itself and proves the result. "paper" follows Xu, Xiao, Xu, Gu, CMES
+        137(2), 2023: uniform fit, harmonic map on a triangulated control net, fold-over removal by bounded
+        distortion; its result is certified as well, but nothing forces it to be injective.
+    progress : callable, optional
+        Called as ``progress(stage, step, energy, smallest_determinant)``.
+    refine : {"never", "auto"}, default "never"
+        "auto" allows one uniform refinement of the source when its knots miss the target or no certified map
+        is found.
+    fit_tolerance : float, default 1e-3
+        Boundary error, relative to the target's diameter, that the fit should reach.
+    on_failure : {"raise", "return"}, default "raise"
+        What to do when no certified map is found: raise `NotCertifiedError` (the best map is its ``result``) or
+        return the result with ``certificate.injective == False``.
+
+    Returns
+    -------
+    TransferResult
+
+    Raises
+    ------
+    InputError
+        On a folded, rational or disconnected source, bad landmarks or options.
+    InfeasibleTargetError
+        When no injective parameterization with this topology exists on the target.
+    NotCertifiedError
+        See `on_failure`.
+    """
+    plan = TransferPlan(source, continuity)
+    return plan.transfer(
+        target,
+        landmarks,
+        method=method,
+        progress=progress,
+        refine=refine,
+        fit_tolerance=fit_tolerance,
+        on_failure=on_failure,
+    )
+
+
+class TransferPlan:
+    """All source-only work of a transfer, done once for many targets.
+
+    Parameters
+    ----------
+    source : MultiPatch
+    continuity : {"c0"}, default "c0"
+
+    Raises
+    ------
+    InputError
+        On a source that cannot be transferred: folded (naming the patch), rational, disconnected.
+    """
+
+    def __init__(self, source: MultiPatch, continuity: str = "c0") -> None:
+        if continuity not in CONTINUITY:
+            raise InputError(f"continuity must be one of {', '.join(CONTINUITY)}, got {continuity!r}")
+        if continuity != "c0":
+            raise InputError(f'continuity "{continuity}" is not available in this version; use "c0"')
+        if source.is_rational:
+            rational = [k for k, patch in enumerate(source.patches) if patch.weights is not None]
+            raise InputError(
+                f"patch {rational[0]} of the source is rational (NURBS); transfer needs polynomial B-splines: "
+                "approximate the source by B-splines first"
+            )
+        self.source = source
+        self.continuity = continuity
+        topology = source.topology
+        if topology.n_components != 1:
+            raise InputError(
+                f"the source has {topology.n_components} separate parts (are interfaces missing?); transfer them one "
+                "by one"
+            )
+        self._welded = source.with_control_points([topology.coordinates[p] for p in topology.points])
+        self._loops = source.boundary().loops
+        valence = {vertex.point: vertex.valence for vertex in topology.vertices}
+        starts = [[int(side.points(topology.points[side.patch])[0]) for side in loop] for loop in topology.loops]
+        self._single = [[valence[point] == 1 for point in loop] for loop in starts]
+        self._degenerate = degenerate_corners(source.patches)
+        certificate = certify(self._welded)
+        if not certificate.injective:
+            raise InputError(f"the source is not an injective parameterization: {'; '.join(certificate.reasons)}")
+        self._thread = threading.local()
+
+    def __reduce__(self) -> tuple[type[TransferPlan], tuple[MultiPatch, str]]:
+        return TransferPlan, (self.source, self.continuity)
+
+    def transfer(
+        self,
+        target: Boundary,
+        landmarks: ArrayLike | None = None,
+        *,
+        method: str = "certified",
+        progress: Progress | None = None,
+        refine: str = "never",
+        fit_tolerance: float = 1e-3,
+        on_failure: str = "raise",
+    ) -> TransferResult:
+        """Transfer to one target; parameters as in `patchtransfer.transfer`."""
+        for name, value, allowed in (
+            ("method", method, METHODS),
+            ("refine", refine, ("never", "auto")),
+            ("on_failure", on_failure, ("raise", "return")),
+        ):
+            if value not in allowed:
+                raise InputError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
+        if not 0 < fit_tolerance < 1:
+            raise InputError(f"fit_tolerance must lie between 0 and 1, got {fit_tolerance!r}")
+        result = self._attempt(target, landmarks, method, progress, fit_tolerance, refinable=refine == "auto")
+        if refine == "auto" and (result is None or not result.certificate.injective):
+            finer = TransferPlan(refine_uniformly(self._welded), self.continuity)
+            result = finer._attempt(target, landmarks, method, progress, fit_tolerance, refinable=False)
+            if result is not None:
+                result = result.with_warning("the source was refined uniformly: one knot in every span of every patch")
+        if result is None:
+            raise TransferError("no attempt was made")
+        if on_failure == "raise" and not result.certificate.injective:
+            raise NotCertifiedError(
+                f"no certified map was found ({result.certificate.status}): "
+                f"{'; '.join(result.certificate.reasons[:3]) or 'no reason given'}; try refine='auto', more landmarks, "
+                "or on_failure='return' to look at the best map",
+                result,
+            )
+        return result
+
+    def map(
+        self, targets: Iterable[Boundary], executor: Executor | None = None, **options: object
+    ) -> Iterator[TransferResult]:
+        """Transfer to many targets, lazily and in order.
+
+        Parameters
+        ----------
+        targets : iterable of Boundary
+        executor : concurrent.futures.Executor, optional
+            Runs the targets in parallel; None (the default) one after the other.
+        **options
+            As in `transfer`.
+        """
+        task = _Task(self, options)
+        return map(task, targets) if executor is None else executor.map(task, targets)
+
+    def _attempt(
+        self,
+        target: Boundary,
+        landmarks: ArrayLike | None,
+        method: str,
+        progress: Progress | None,
+        fit_tolerance: float,
+        refinable: bool,
+    ) -> TransferResult | None:
+        """One pass through the pipeline; None when a refinement is allowed and the fit asks for it."""
+        clock = _Clock()
+        paper = method == "paper"
+        topology = self.source.topology
+        with clock("registration"):
+            registration = register(self._loops, target, landmarks, marked_curves=paper)
+        with clock("feasibility"):
+            warnings = [*registration.warnings, *check_loops([loop.target.curves for loop in registration.loops], "target")]
+            check_corners(*_target_corners(registration, self._single), "target")
+        with clock("fitting"):
+            fitted = fit_boundary(
+                registration, parameters="uniform" if paper else "speed", tolerance=fit_tolerance
+            )
+            if refinable and fitted.error > fit_tolerance:
+                return None
+            warnings += fitted.warnings
+        with clock("feasibility"):
+            corner_bound, degenerate = self._check_fit(fitted)
+            start = self._with_boundary(fitted)
+        if paper:
+            points, log, notes = self._paper(start, clock)
+            warnings += notes
+            certificate = self._certify(points, clock)
+        else:
+            points, certificate, log = self._certified(start, degenerate, progress, clock)
+        with clock("quality"):
+            multipatch = self.source.with_control_points([points[p] for p in topology.points])
+            metrics = quality(multipatch, exclude=degenerate)
+        with clock("continuity report"):
+            continuity = check_continuity(multipatch)
+        return TransferResult(
+            multipatch=multipatch,
+            certificate=certificate,
+            quality=metrics,
+            continuity=continuity,
+            boundary_error=fitted.error,
+            registration=registration,
+            fitted=fitted,
+            corner_bound=corner_bound,
+            method=method,
+            log=tuple(log),
+            warnings=tuple(warnings),
+            timings=clock.seconds,
+        )
+
+    def _check_fit(self, fitted: FittedBoundary) -> tuple[float, list[tuple[int, int]]]:
+        """Loops and corners of the fit; upper bound of the scaled Jacobian and the degenerate corners."""
+        raise NotImplementedError
+
+    def _with_boundary(self, fitted: FittedBoundary) -> FloatArray:
+        """Shared control points with the fitted boundary and the source's interior."""
+        topology = self.source.topology
+        points = topology.coordinates.copy()
+        for loop, sides in zip(topology.loops, fitted.loops, strict=True):
+            for side, fit in zip(loop, sides, strict=True):
+                points[side.points(topology.points[side.patch])] = fit.curve.control_points
+        return points
+
+    def _certify(self, points: FloatArray, clock: _Clock) -> Certificate:
+        with clock("certificate"):
+            return certify(self.source.with_control_points([points[p] for p in self.source.topology.points]))
+
+    def _certified(
+        self, start: FloatArray, degenerate: Sequence[tuple[int, int]], progress: Progress | None, clock: _Clock
+    ) -> tuple[FloatArray, Certificate, list[str]]:
+        """Spline harmonic map, then distortion optimisation until the certificate accepts the map."""
+        topology = self.source.topology
+        excluded = sorted(set(degenerate) | set(self._degenerate))
+
+        def make(nodes_per_degree: int = 2, extra_nodes: Sequence[tuple[int, float, float]] = ()) -> SplineOptimizer:
+            key = (nodes_per_degree, tuple(excluded))
+            if extra_nodes:
+                return SplineOptimizer(
+                    topology, nodes_per_degree=nodes_per_degree, extra_nodes=extra_nodes, excluded_corners=excluded
+                )
+            # Symbolic work is kept, one optimizer a thread because it owns its buffers.
+            cache = self._thread.__dict__.setdefault("optimizers", {})
+            if key not in cache:
+                cache[key] = SplineOptimizer(
+                    topology, nodes_per_degree=nodes_per_degree, excluded_corners=excluded
+                )
+            return cache[key]
+
+        with clock("optimisation"):
+            found, certificate, log = optimize_with_ladder(
+                make,
+                start,
+                lambda points: self._certify(points, clock),
+                source=topology.coordinates,
+                boundary=topology.boundary_points,
+                progress=progress,
+            )
+        return found.points, certificate, log
+
+    def _paper(self, start: FloatArray, clock: _Clock) -> tuple[FloatArray, list[str], list[str]]:
+        """Harmonic map on the triangulated control net, then bounded conformal distortion (paper §3.3)."""
+        topology = self.source.topology
+        with clock("background mesh"):
+            mesh, notes = source_mesh(topology)
+        with clock("harmonic map"):
+            boundary = topology.boundary_points
+            points = mesh_harmonic_map(mesh, boundary, start[boundary])
+        with clock("bounded distortion"):
+            unfolded = remove_foldovers(mesh, points, boundary)
+        log = [
+            f"bounded distortion: {unfolded.flips[0]} flipped faces, {unfolded.flips[-1]} after "
+            f"{unfolded.iterations} iterations"
+        ]
+        return unfolded.points, log, list(notes)
+
+
+class _Task:
+    """A plan's transfer with its options, picklable for process pools."""
+
+    def __init__(self, plan: TransferPlan, options: dict[str, object]) -> None:
+        self.plan, self.options = plan, options
+
+    def __call__(self, target: Boundary) -> TransferResult:
+        return self.plan.transfer(target, **self.options)  # type: ignore[arg-type]
+
+
+class _Clock:
+    """Seconds per stage; a stage inside another is not counted twice."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._open: list[str] = []
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        self._open.append(stage)
+        try:
+            yield
+        finally:
+            self._open.pop()
+            spent = time.perf_counter() - begin
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + spent
+            if self._open:
+                outer = self._open[-1]
+                self.seconds[outer] = self.seconds.get(outer, 0.0) - spent
+
+
+def refine_uniformly(source: MultiPatch) -> MultiPatch:
+    """The same geometry with one knot inserted in the middle of every span of every patch."""
+    patches = []
+    for patch in source.patches:
+        for axis in (0, 1):
+            breaks = np.unique(patch.knots[axis])
+            patch = patch.insert_knots(axis, (breaks[:-1] + breaks[1:]) / 2)
+        patches.append(patch)
+    return MultiPatch(patches, source.interfaces, source.ids)
+
+
+def _target_corners(registration: Registration, single: Sequence[Sequence[bool]]):  # type: ignore[no-untyped-def]
+    raise NotImplementedError
+
+
+_ = Callable
