@@ -52,7 +52,9 @@ def _integer(text: str, where: str) -> int:
 
 
 def _integers(element: Element | None, where: str) -> list[int]:
-    return [] if element is None else [_integer(token, where) for token in "".join(element.itertext()).split()]
+    return (
+        [] if element is None else [_integer(token, where) for token in "".join(element.itertext()).split()]
+    )
 
 
 def _number(token: str) -> float:
@@ -73,7 +75,9 @@ def _numbers(element: Element, where: str) -> FloatArray:
         try:
             return np.frombuffer(base64.b64decode(text, validate=False), BINARY[flag]).astype(np.float64)
         except (ValueError, binascii.Error) as error:
-            raise InputError(f"{where}: <{element.tag}> is not valid base64 ({error}); write it again") from None
+            raise InputError(
+                f"{where}: <{element.tag}> is not valid base64 ({error}); write it again"
+            ) from None
     tokens = text.split()
     for convert in (float, _number) if "_" not in text else (_number,):
         try:
@@ -126,9 +130,13 @@ def _knots(basis: Element, where: str) -> tuple[FloatArray, int]:
         return np.concatenate([np.zeros(degree), inner, np.ones(degree)]), degree
     knots = _numbers(element, where)
     if len(knots) < 2 * degree + 2:
-        raise InputError(f"{where}: {len(knots)} knots are too few for degree {degree}; {2 * degree + 2} are needed")
+        raise InputError(
+            f"{where}: {len(knots)} knots are too few for degree {degree}; {2 * degree + 2} are needed"
+        )
     if (np.diff(knots) < 0).any():
-        raise InputError(f"{where}: the knots decrease at number {int(np.argmax(np.diff(knots) < 0)) + 2}; sort them")
+        raise InputError(
+            f"{where}: the knots decrease at number {int(np.argmax(np.diff(knots) < 0)) + 2}; sort them"
+        )
     return knots, degree
 
 
@@ -170,13 +178,16 @@ def _tensor(geometry: Element, where: str, directions: int, rational: bool) -> t
             raise InputError(f"{where}: weight {weights.min():g} is not positive; correct it")
     for axis, (k, p) in enumerate(zip(knots, degrees, strict=True)):
         if k[p] != k[0] or k[-p - 1] != k[-1]:
-            w = np.ones(points.shape[:-1]) if weights is None else weights
-            h = np.moveaxis(np.concatenate([points * w[..., None], w[..., None]], axis=-1), axis, 0)
             if not k[p] < k[-p - 1]:
                 raise InputError(f"{where}: the knots span nothing; correct them")
-            knots[axis], h = clamp(k, p, h)
+            h = (
+                points
+                if weights is None
+                else np.concatenate([points * weights[..., None], weights[..., None]], -1)
+            )
+            knots[axis], h = clamp(k, p, np.moveaxis(h, axis, 0))
             h = np.moveaxis(h, 0, axis)
-            points, weights = h[..., :2] / h[..., 2:], None if weights is None else h[..., 2]
+            points, weights = (h, None) if weights is None else (h[..., :2] / h[..., 2:], h[..., 2])
     return knots, degrees, points, weights
 
 
@@ -225,7 +236,9 @@ def _multipatch(root: Element) -> MultiPatch:
             raise InputError(f"holds {what}")
         ids = [g.get("id", "").strip() for _, g in chosen]
         distinct = len(set(ids)) == len(ids) and all(re.fullmatch(r"-?\d+", i) for i in ids)
-        return MultiPatch([_patch(g, k) for k, g in chosen], None, [int(i) for i in ids] if distinct else None)
+        return MultiPatch(
+            [_patch(g, k) for k, g in chosen], None, [int(i) for i in ids] if distinct else None
+        )
     if len(blocks) > 1:
         warnings.warn(f"the file holds {len(blocks)} MultiPatch blocks; the first is read", stacklevel=4)
     block, where = blocks[0], "MultiPatch"
@@ -253,7 +266,9 @@ def _patch_ids(block: Element, available: int) -> list[int]:
     elif kind == "id_range" and len(values) == 2:
         # A range is bounded before it is expanded.
         if not 0 <= values[1] - values[0] < available:
-            raise InputError(f"MultiPatch: patches {values[0]} to {values[1]}, but there are {available} geometries")
+            raise InputError(
+                f"MultiPatch: patches {values[0]} to {values[1]}, but there are {available} geometries"
+            )
         ids = list(range(values[0], values[1] + 1))
     else:
         raise InputError("MultiPatch: <patches> must be an id_range of two ids or an id_index; correct it")
@@ -267,7 +282,9 @@ def _glue(patches: list[Patch], ids: list[int], block: Element) -> MultiPatch:
     rows = [_integers(e, "MultiPatch interfaces") for e in block.findall("interfaces")]
     values = [i for row in rows for i in row]
     if len(values) % 8:
-        raise InputError(f"MultiPatch interfaces: {len(values)} numbers are not rows of 8; the file is incomplete")
+        raise InputError(
+            f"MultiPatch interfaces: {len(values)} numbers are not rows of 8; the file is incomplete"
+        )
     if not values:
         sides = sum(len(_integers(e, "MultiPatch boundary")) for e in block.findall("boundary")) // 2
         # All sides listed as boundary says "no interfaces"; nothing listed says nothing.
@@ -312,7 +329,8 @@ def read_boundary(data: bytes) -> Boundary:
     geometries = root.findall("Geometry")
     loose = [(_label(g, k), g) for k, g in enumerate(geometries) if g.get("type") in CURVE_TYPES]
     if not loose:
-        return _multipatch(root).boundary()
+        # Patches may meet only up to the last digits.
+        return Boundary([close_loop(loop) for loop in _multipatch(root).boundary().loops])
     if root.find("MultiPatch") is not None or len(loose) < len(geometries):
         raise InputError("holds both patches and loose curves; keep what is the boundary")
     names = [name for name, _ in loose]
@@ -321,8 +339,12 @@ def read_boundary(data: bytes) -> Boundary:
 
 
 def _domain(elements: list[list[Element]]) -> Boundary:
-    names = [[f"CurveLoop {k}, {_label(g, i)}" for i, g in enumerate(loop)] for k, loop in enumerate(elements)]
-    curves = [[_curve(g, n) for g, n in zip(*pair, strict=True)] for pair in zip(elements, names, strict=True)]
+    names = [
+        [f"CurveLoop {k}, {_label(g, i)}" for i, g in enumerate(loop)] for k, loop in enumerate(elements)
+    ]
+    curves = [
+        [_curve(g, n) for g, n in zip(*pair, strict=True)] for pair in zip(elements, names, strict=True)
+    ]
     tolerance = TOLERANCE * diameter([c for loop in curves for c in loop])
     loops = []
     for k, (who, loop) in enumerate(zip(names, curves, strict=True)):
@@ -332,7 +354,9 @@ def _domain(elements: list[list[Element]]) -> Boundary:
             continue
         chained = chain(who, loop, tolerance)
         if len(chained) > 1:
-            raise InputError(f"CurveLoop {k}: its curves form {len(chained)} loops; put each into its own CurveLoop")
+            raise InputError(
+                f"CurveLoop {k}: its curves form {len(chained)} loops; put each into its own CurveLoop"
+            )
         loops += chained
     return Boundary(loops)
 

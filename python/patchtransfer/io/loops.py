@@ -90,7 +90,9 @@ def chain(names: Sequence[str], curves: Sequence[BSplineCurve], tolerance: float
         if len(meeting) == 1:
             raise InputError(_open_message(names, curves, vertex, at, v, tolerance))
         if len(meeting) > 2:
-            point = next(c.start if a == v else c.end for c, (a, b) in zip(curves, vertex, strict=True) if v in (a, b))
+            point = next(
+                c.start if a == v else c.end for c, (a, b) in zip(curves, vertex, strict=True) if v in (a, b)
+            )
             who = ", ".join(names[i] for i in dict.fromkeys(meeting))
             raise InputError(f"{who} meet at ({point[0]:g}, {point[1]:g}); loops must not branch or touch")
     loops, used = [], [False] * len(curves)
