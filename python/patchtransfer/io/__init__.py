@@ -8,8 +8,8 @@ CSV        .csv, .txt  points of closed outlines, landmarks     boundary, landma
 SVG        .svg        closed paths and shapes                  boundary / –
 =========  ==========  =======================================  ==============================
 
-A format is one entry of `FORMATS`; its functions take and return the contents of files, and raise `InputError`
-without the path, which is added here.
+A format is one entry of `FORMATS`; its functions take and return the contents of files, and raise
+`InputError` without the path, which is added here.
 """
 
 from __future__ import annotations
@@ -97,8 +97,8 @@ def read(path: str | os.PathLike[str]) -> MultiPatch:
     Parameters
     ----------
     path : path
-        A G+Smo XML file. Of several ``MultiPatch`` blocks the first is read, as in G+Smo (with a warning); without
-        any, all patches of the file. Interfaces that the file does not state are inferred.
+        A G+Smo XML file. Of several ``MultiPatch`` blocks the first is read, as in G+Smo (with a warning);
+        without any, all patches of the file. Interfaces that the file does not state are inferred.
 
     Returns
     -------
@@ -128,9 +128,10 @@ def read_boundary(path: str | os.PathLike[str]) -> Boundary:
     Parameters
     ----------
     path : path
-        G+Smo XML (a ``PlanarDomain``, loose curves in any order and sense, or patches, whose boundary is taken),
-        SVG (every closed path is a loop; y is flipped, so that pictures are upright) or CSV (lines ``x,y``, one
-        closed outline per block, blocks separated by blank lines; interpolated by cubic splines between corners).
+        G+Smo XML (a ``PlanarDomain``, loose curves in any order and sense, or patches, whose boundary is
+        taken), SVG (every closed path is a loop; y is flipped, so that pictures are upright) or CSV (lines
+        ``x,y``, one closed outline per block, blocks separated by blank lines; interpolated by cubic
+        splines between corners).
 
     Returns
     -------
@@ -157,7 +158,8 @@ def read_landmarks(path: str | os.PathLike[str]) -> FloatArray:
     Parameters
     ----------
     path : path
-        CSV with the header ``xs,ys,xt,yt`` (columns in any order, others are ignored); ``#`` starts a comment.
+        CSV with the header ``xs,ys,xt,yt`` (columns in any order, others are ignored); ``#`` starts a
+        comment.
 
     Returns
     -------
@@ -188,7 +190,8 @@ def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None
     Raises
     ------
     InputError
-        On another extension, or when the folder does not exist or cannot be written to; no file is left behind.
+        On another extension, or when the folder does not exist or cannot be written to; no file is left
+        behind.
     """
     path = Path(path)
     with _naming(path):

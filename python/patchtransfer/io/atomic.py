@@ -1,4 +1,4 @@
-"""Reading whole files and writing them atomically: a reader sees the old file or the new one, never half of it."""
+"""Whole files, read with clear errors and written atomically: others see the old file or the new one."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def read_bytes(path: Path) -> bytes:
     Raises
     ------
     InputError
-        When it does not exist, is a folder, cannot be read or holds nothing but whitespace. The message has no
-        path; the caller knows it.
+        When it does not exist, is a folder, cannot be read or holds nothing but whitespace. The message has
+        no path; the caller knows it.
     """
     try:
         data = path.read_bytes()

@@ -1,10 +1,11 @@
 """G+Smo XML: multi-patches, planar domains and loose curves.
 
-Conventions of the format, checked against G+Smo's reader: ``u`` runs fastest in ``coefs``; coefficients of NURBS are
-Cartesian, their ``weights`` stand in the basis; sides are 1 u=0, 2 u=1, 3 v=0, 4 v=1; an interface is a row
-``p1 s1 p2 s2 dirMap0 dirMap1 orient0 orient1``. Its patches are `id`s where the reader is concerned, but some writers
-put positions. In the plane ``dirMap`` follows from the sides, and so does ``orient`` across the interface (1 for
-different ends in older files, 1 for equal ends in newer ones), so only ``orient`` along it is used.
+Conventions of the format, checked against G+Smo's reader: ``u`` runs fastest in ``coefs``; coefficients of
+NURBS are Cartesian, their ``weights`` stand in the basis; sides are 1 u=0, 2 u=1, 3 v=0, 4 v=1; an
+interface is a row ``p1 s1 p2 s2 dirMap0 dirMap1 orient0 orient1``. Its patches are `id`s where the reader
+is concerned, but some writers put positions. In the plane ``dirMap`` follows from the sides, and so does
+``orient`` across the interface (1 for different ends in older files, 1 for equal ends in newer ones), so
+only ``orient`` along it is used.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def _integers(element: Element | None, where: str) -> list[int]:
 
 
 def _number(token: str) -> float:
-    """A decimal or a fraction such as 2/5."""
+    """Return the value of a decimal or of a fraction such as 2/5."""
     if "_" in token:
         raise ValueError
     above, slash, below = token.partition("/")
@@ -218,7 +219,8 @@ def _refusal(kind: str) -> str:
         return "hierarchical splines are not supported; convert to tensor-product patches"
     if re.search(r"[34]$", kind):
         return "volumes are not supported; only planar patches are"
-    return f"geometry type {kind or '(none)'} is not supported here; {', '.join([*PATCH_TYPES, *CURVE_TYPES])} are"
+    supported = ", ".join([*PATCH_TYPES, *CURVE_TYPES])
+    return f"geometry type {kind or '(none)'} is not supported here; {supported} are"
 
 
 def read_multipatch(data: bytes) -> MultiPatch:
@@ -234,11 +236,10 @@ def _multipatch(root: Element) -> MultiPatch:
         if not chosen:
             what = "only curves; use read_boundary" if geometries or _domains(root) else "no Geometry"
             raise InputError(f"holds {what}")
-        ids = [g.get("id", "").strip() for _, g in chosen]
-        distinct = len(set(ids)) == len(ids) and all(re.fullmatch(r"-?\d+", i) for i in ids)
-        return MultiPatch(
-            [_patch(g, k) for k, g in chosen], None, [int(i) for i in ids] if distinct else None
-        )
+        names = [g.get("id", "").strip() for _, g in chosen]
+        usable = len(set(names)) == len(names) and all(re.fullmatch(r"-?[0-9]+", name) for name in names)
+        patches = [_patch(g, k) for k, g in chosen]
+        return MultiPatch(patches, None, [int(name) for name in names] if usable else None)
     if len(blocks) > 1:
         warnings.warn(f"the file holds {len(blocks)} MultiPatch blocks; the first is read", stacklevel=4)
     block, where = blocks[0], "MultiPatch"
@@ -413,9 +414,9 @@ def _document(lines: Iterable[str]) -> str:
 def format_multipatch(multipatch: MultiPatch) -> str:
     """G+Smo XML text of a multi-patch: all patches, then the block that glues them.
 
-    An interface row's ``dirMap`` maps the direction across side 1 to the one across side 2; ``orient`` is 1 across if
-    the sides lie at different ends of their directions (parameters then increase through the interface), and along it
-    if both sides run in the same sense. Patches are referred to by id.
+    An interface row's ``dirMap`` maps the direction across side 1 to the one across side 2; ``orient`` is 1
+    across if the sides lie at different ends of their directions (parameters then increase through the
+    interface), and along it if both sides run in the same sense. Patches are referred to by id.
     """
     ids = multipatch.ids
     lines = [line for i, p in zip(ids, multipatch.patches, strict=True) for line in _geometry(p, f'id="{i}"')]

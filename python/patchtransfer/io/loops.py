@@ -38,7 +38,7 @@ def clamp(knots: FloatArray, degree: int, coefficients: FloatArray) -> tuple[Flo
 
 
 def with_ends(curve: BSplineCurve, start: FloatArray, end: FloatArray) -> BSplineCurve:
-    """The curve with its end points moved, itself if they are there already."""
+    """Return the curve with its end points moved, itself if they are there already."""
     if np.array_equal(curve.start, start) and np.array_equal(curve.end, end):
         return curve
     points = curve.control_points.copy()

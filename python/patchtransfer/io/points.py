@@ -1,15 +1,15 @@
 """CSV: closed outlines as lists of points, interpolated by splines, and landmarks.
 
-**Corners.** The turn at a point is the angle between the chords to the outline's points one window (0.5 % of the
-loop's length) before and behind it; a chord never is shorter than the edge next to the point. A finely sampled
-corner, cut over a few points, is found this way, and ripples smaller than the window are not; on a coarse polygon the
-chords are the edges. A point is a corner if its turn exceeds 30° and is the largest within a window, or if the two
-edges at the point itself turn by more than 30° as well (a chamfer has two corners). So every vertex of an octagon is
-a corner, and a circle sampled in 15° steps has none.
+**Corners.** The turn at a point is the angle between the chords to the outline's points one window (0.5 %
+of the loop's length) before and behind it; a chord never is shorter than the edge next to the point. A
+finely sampled corner, cut over a few points, is found this way, and ripples smaller than the window are
+not; on a coarse polygon the chords are the edges. A point is a corner if its turn exceeds 30° and is the
+largest within a window, or if the two edges at the point itself turn by more than 30° as well (a chamfer
+has two corners). So every vertex of an octagon is a corner, and a circle sampled in 15° steps has none.
 
-**Straight edges.** A cubic through a dense arc followed by one long edge would bulge along the edge. Where an edge is
-more than 5 times as long as the median of the next three, the outline is split too, the edge becomes a straight
-segment, and the arc's end tangent takes its direction.
+**Straight edges.** A cubic through a dense arc followed by one long edge would bulge along the edge. Where
+an edge is more than 5 times as long as the median of the next three, the outline is split too, the edge
+becomes a straight segment, and the arc's end tangent takes its direction.
 """
 
 from __future__ import annotations
@@ -124,8 +124,8 @@ def interpolate_outline(points: FloatArray, name: str = "outline") -> list[BSpli
     Returns
     -------
     list of BSplineCurve
-        A closed chain: C² cubics (chord-length parameters, not-a-knot ends) between corners, lines where points are
-        collinear, one closed C² cubic if there is no corner.
+        A closed chain: C² cubics (chord-length parameters, not-a-knot ends) between corners, lines where
+        points are collinear, one closed C² cubic if there is no corner.
     """
     edges = np.roll(points, -1, axis=0) - points
     length = np.hypot(*edges.T)
@@ -159,9 +159,9 @@ def _corners(points: FloatArray, edges: FloatArray, length: FloatArray) -> NDArr
     closed = np.vstack([points, points[:1]])
 
     def at(t: FloatArray) -> FloatArray:
-        return np.column_stack([np.interp(t, s, x, period=None) for x in closed.T])
+        return np.column_stack([np.interp(t, s, x) for x in closed.T])
 
-    window = min(WINDOW * total, 0.25 * total)
+    window = WINDOW * total
     edge_before = np.roll(edges, 1, axis=0)
     reach_after = at((s[:-1] + window) % total) - points
     reach_before = points - at((s[:-1] - window) % total)
@@ -238,8 +238,8 @@ def read_landmarks(data: bytes) -> FloatArray:
             missing = [name for name in LANDMARK_COLUMNS if names.count(name) != 1]
             if missing:
                 raise InputError(
-                    f"line {number}: the header must name the columns xs,ys,xt,yt once each; {missing[0]} is missing "
-                    "or repeated"
+                    f"line {number}: the header must name the columns xs,ys,xt,yt once each; "
+                    f"{missing[0]} is missing or repeated"
                 )
             columns, width = [names.index(name) for name in LANDMARK_COLUMNS], len(names)
             continue

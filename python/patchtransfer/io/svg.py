@@ -1,9 +1,9 @@
 """SVG: every closed subpath is a boundary loop.
 
-Lines and Bézier segments are taken over exactly. An elliptical arc becomes one C¹ cubic with double inner knots whose
-pieces turn by at most 0.28 rad: the radial error of the usual cubic with tangent length (4/3) tan(θ/4) is about
-(2/27) (θ/4)⁶ of the radius, below 1e-8. The y axis is flipped, so that pictures are upright. Transforms of elements
-and of all groups around them are applied to the control points.
+Lines and Bézier segments are taken over exactly. An elliptical arc becomes one C¹ cubic with double inner
+knots whose pieces turn by at most 0.28 rad: the radial error of the usual cubic with tangent length (4/3)
+tan(θ/4) is about (2/27) (θ/4)⁶ of the radius, below 1e-8. The y axis is flipped, so that pictures are
+upright. Transforms of elements and of all groups around them are applied to the control points.
 """
 
 from __future__ import annotations
