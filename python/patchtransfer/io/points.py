@@ -55,8 +55,9 @@ def _values(fields: list[str], number: int, what: str) -> list[float]:
         raise InputError(
             f"line {number}: expected {what}, got {', '.join(fields)[:40]!r}; correct it"
         ) from None
-    if not all(map(math.isfinite, values)):
-        raise InputError(f"line {number}: NaN or infinity; give finite numbers")
+    # Squares of coordinates must not overflow; the comparison also refuses NaN.
+    if not all(abs(value) <= 1e150 for value in values):
+        raise InputError(f"line {number}: NaN, infinity or a number above 1e150; give finite numbers")
     return values
 
 
@@ -129,8 +130,8 @@ def interpolate_outline(points: FloatArray, name: str = "outline") -> list[BSpli
     """
     edges = np.roll(points, -1, axis=0) - points
     length = np.hypot(*edges.T)
-    if not np.isfinite(length.sum()) or (length == 0).any():
-        raise InputError(f"{name}: numbers are too large, or too close to each other; scale the outline")
+    if length.min() <= 1e-13 * length.sum():
+        raise InputError(f"{name}: two consecutive points are equal or nearly so; delete one of them")
     corner = _corners(points, edges, length)
     long_after, long_before = _long(length)
     # At a straight edge's end the tangent is prescribed unless there is a corner.
@@ -198,12 +199,9 @@ def _piece(points: FloatArray, start: FloatArray | None, end: FloatArray | None)
     chord = points[-1] - points[0]
     x = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     if x[-1] - np.hypot(*chord) <= 1e-12 * x[-1]:
-        off = np.abs(
-            points[:, 0] * chord[1]
-            - points[:, 1] * chord[0]
-            - (points[0, 0] * chord[1] - points[0, 1] * chord[0])
-        )
-        if off.max() <= 1e-12 * x[-1] ** 2:
+        relative = points - points[0]
+        # The length alone would let pass deviations of 1e-6.
+        if np.abs(relative[:, 0] * chord[1] - relative[:, 1] * chord[0]).max() <= 1e-12 * x[-1] ** 2:
             return _line(points[0], points[-1])
     ends = tuple("not-a-knot" if tangent is None else (1, tangent) for tangent in (start, end))
     return _as_bspline(CubicSpline(x, points, bc_type=ends), x, points)
