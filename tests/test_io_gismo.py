@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from strategies import boundaries, curves, multipatches, patches
 
 import patchtransfer as pt
 from patchtransfer import Boundary, BSplineCurve, InputError, Interface, MultiPatch, Patch, Side
 from patchtransfer.io import gismo
 from patchtransfer.io.loops import chain, clamp
+from strategies import boundaries, curves, multipatches, patches
 
 MODELS = os.environ.get("PATCHTRANSFER_MODELS")
 needs_models = pytest.mark.skipif(not MODELS, reason="PATCHTRANSFER_MODELS is not set")
@@ -39,7 +39,8 @@ def basis(*knots: str, degree: int = 1) -> str:
 
 def square(id_: int, x: float = 0, knots: str = "0 0 1 1", coefs: str | None = None, geo: int = 2) -> str:
     coefs = coefs or f"{x} 0 {x + 1} 0 {x} 1 {x + 1} 1"
-    return f'<Geometry type="TensorBSpline2" id="{id_}">{basis(knots, knots)}<coefs geoDim="{geo}">{coefs}</coefs></Geometry>'
+    head = f'<Geometry type="TensorBSpline2" id="{id_}">{basis(knots, knots)}'
+    return f'{head}<coefs geoDim="{geo}">{coefs}</coefs></Geometry>'
 
 
 def block(patches: str, interfaces: str = "", boundary: str = "", kind: str = "id_range") -> str:
@@ -50,7 +51,8 @@ def block(patches: str, interfaces: str = "", boundary: str = "", kind: str = "i
 
 
 def curve(coefs: str, knots: str = "0 0 1 1", degree: int = 1, geo: int = 2) -> str:
-    return f'<Geometry type="BSpline">{basis(knots, degree=degree)}<coefs geoDim="{geo}">{coefs}</coefs></Geometry>'
+    head = f'<Geometry type="BSpline">{basis(knots, degree=degree)}'
+    return f'{head}<coefs geoDim="{geo}">{coefs}</coefs></Geometry>'
 
 
 def parse(*parts: str) -> MultiPatch:
@@ -61,7 +63,7 @@ def parse_boundary(*parts: str) -> Boundary:
     return gismo.read_boundary(f"<xml>{''.join(parts)}</xml>".encode())
 
 
-# --- round trips ----------------------------------------------------------------------------------------------------
+# --- round trips ----------------------------------------------------------------------------------
 
 
 @quick
@@ -123,7 +125,7 @@ def _seconds(work) -> float:
     return time.perf_counter() - start
 
 
-# --- oddities of real files -----------------------------------------------------------------------------------------
+# --- oddities of real files -----------------------------------------------------------------------
 
 
 def test_blanks_before_the_declaration_fractions_and_flat_space(tmp_path):
@@ -142,7 +144,8 @@ def test_blanks_before_the_declaration_fractions_and_flat_space(tmp_path):
 def test_mixed_rational_patches_and_degrees():
     left = square(1)
     right = (
-        '<Geometry type="TensorNurbs2" id="2"><Basis type="TensorNurbsBasis2"><Basis type="TensorBSplineBasis2">'
+        '<Geometry type="TensorNurbs2" id="2"><Basis type="TensorNurbsBasis2">'
+        '<Basis type="TensorBSplineBasis2">'
         '<Basis type="BSplineBasis"><KnotVector degree="2">0 0 0 1 1 1</KnotVector></Basis>'
         '<Basis type="BSplineBasis"><KnotVector degree="1">0 0 1 1</KnotVector></Basis></Basis>'
         "<weights>1 2 3 4 5 6</weights></Basis>"
@@ -207,13 +210,9 @@ def test_clamping_undoes_unclamping(c, left, right):
     assert np.abs(again(t) - c(t)).max() <= 1e-9 * max(1.0, np.abs(c.control_points).max())
 
 
-# --- boundaries -----------------------------------------------------------------------------------------------------
+# --- boundaries -----------------------------------------------------------------------------------
 
-SQUARE = [[(0, 0), (1, 0)], [(1, 0), (1, 1)], [(1, 1), (0, 1)], [(0, 1), (0, 0)]]
-
-
-def segments(points) -> list[BSplineCurve]:
-    return [BSplineCurve([0, 0, 1, 1], 1, ab) for ab in points]
+TRIANGLE = [curve("0 0 1 0"), curve("1 0 1 1"), curve("1 1 0 0")]
 
 
 @quick
@@ -266,10 +265,10 @@ def test_a_closed_unclamped_curve_is_a_loop():
         ([curve("0 0 1 0"), curve("1 0 1 1"), curve("1 1 .1 0")], r"Geometry number \d.*is open.*0\.1 away"),
         ([curve("0 0 1 0")], "is open"),
         ([curve("0 0 1 0"), curve("1 0 0 0")], "number 2.*repeats.*number 1"),
-        ([curve("0 0 1 0"), curve("1 0 1 1"), curve("1 1 0 0"), curve("2 2 2 2")], "number 4.*no length"),
-        ([curve("0 0 1 0"), curve("1 0 1 1"), curve("1 1 0 0"), curve("0 0 -1 1")], "is open|meet at"),
+        ([*TRIANGLE, curve("2 2 2 2")], "number 4.*no length"),
+        ([*TRIANGLE, curve("0 0 -1 1")], "is open|meet at"),
         (
-            [curve("0 0 1 0"), curve("1 0 1 1"), curve("1 1 0 0"), curve("0 0 -1 0"), curve("-1 0 -1 1"), curve("-1 1 0 0")],
+            [*TRIANGLE, curve("0 0 -1 0"), curve("-1 0 -1 1"), curve("-1 1 0 0")],
             r"meet at \(0, 0\)",
         ),
         ([curve("0 0 1 0 1 1 0 0", "0 0 1 2 3 3"), square(0)], "both patches and loose curves"),
@@ -277,8 +276,8 @@ def test_a_closed_unclamped_curve_is_a_loop():
         (["<PlanarDomain/><PlanarDomain/>"], "2 planar domains"),
         ([curve("0 0 1 1 0 1", geo=3), curve("1 0 0 0")], "lies in space"),
         (
-            ["<PlanarDomain><CurveLoop>" + "".join(curve(c) for c in ("0 0 1 0", "1 0 1 1", "1 1 0 0", "5 0 6 0", "6 0 6 1",
-             "6 1 5 0")) + "</CurveLoop></PlanarDomain>"],
+            ["<PlanarDomain><CurveLoop>", *TRIANGLE, *(curve(c) for c in ("5 0 6 0", "6 0 6 1", "6 1 5 0")),
+             "</CurveLoop></PlanarDomain>"],
             "form 2 loops",
         ),
     ],
@@ -288,7 +287,7 @@ def test_bad_boundaries_name_the_curve(parts, message):
         parse_boundary(*parts)
 
 
-# --- refusals -------------------------------------------------------------------------------------------------------
+# --- refusals -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -329,7 +328,12 @@ def test_bad_boundaries_name_the_curve(parts, message):
         (square(0) + square(1, 3) + block("0 1", "0 2 1 1 0 1 1 1"), "apart"),
         (square(0).replace("</coefs>", "</coefs><transform/>"), "transform"),
         (square(0).replace("TensorBSpline2", "TensorNurbs2"), "<weights> is missing"),
-        (square(0).replace("TensorBSpline2", "TensorNurbs2").replace("</Basis><coefs", "<weights>1 1 0 1</weights></Basis><coefs"), "weight 0 is not positive"),
+        (
+            square(0).replace("TensorBSpline2", "TensorNurbs2").replace(
+                "</Basis><coefs", "<weights>1 1 0 1</weights></Basis><coefs"
+            ),
+            "weight 0 is not positive",
+        ),
         (square(0).replace('<coefs geoDim="2">', '<coefs geoDim="2" format="b65">'), "unknown number format"),
         (b"<xml>\xff\xfe</xml>", "malformed|not readable"),
         (b'<?xml version="1.0" encoding="klingon"?><xml/>', "malformed|not readable"),
@@ -345,7 +349,7 @@ def test_bad_files_are_refused_in_one_line(tmp_path, text, message):
     assert "\n" not in str(caught.value)
 
 
-# --- other programs -------------------------------------------------------------------------------------------------
+# --- other programs -------------------------------------------------------------------------------
 
 
 def _uv(patch: Patch, count: int = 7) -> np.ndarray:
@@ -373,7 +377,7 @@ def test_gismo_reads_what_we_write_and_we_what_it_writes(tmp_path, mp):
         uv = _uv(patch)
         assert np.allclose(theirs.patch(k).eval(uv.T).T, _values(patch, uv), atol=1e-13)
     glued = {
-        frozenset([(side.patch, side.side().index()) for side in (f.first(), f.second())])
+        frozenset([(side.patchIndex(), side.index()) for side in (f.first(), f.second())])
         for f in theirs.interfaces()
     }
     assert glued == _sides(mp.interfaces)

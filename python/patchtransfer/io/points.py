@@ -7,9 +7,10 @@ not; on a coarse polygon the chords are the edges. A point is a corner if its tu
 largest within a window, or if the two edges at the point itself turn by more than 30° as well (a chamfer
 has two corners). So every vertex of an octagon is a corner, and a circle sampled in 15° steps has none.
 
-**Straight edges.** A cubic through a dense arc followed by one long edge would bulge along the edge. Where
-an edge is more than 5 times as long as the median of the next three, the outline is split too, the edge
-becomes a straight segment, and the arc's end tangent takes its direction.
+**Straight edges.** A cubic through a dense arc followed by one long edge would bulge along the edge.
+Where an edge is more than 5 times as long as its neighbour and as the median of the next three, the
+outline is split too; if that happens at both ends the edge becomes a straight segment. The arc's end
+tangent takes the edge's direction.
 """
 
 from __future__ import annotations
@@ -185,8 +186,9 @@ def _long(length: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         return none, none
     following = np.median([np.roll(length, -k) for k in (1, 2, 3)], axis=0)
     preceding = np.median([np.roll(length, k) for k in (1, 2, 3)], axis=0)
-    starts = length > LONG_EDGE * preceding
-    ends = np.roll(length > LONG_EDGE * following, 1)
+    # The median looks past single tiny edges, as contour tracers produce them.
+    starts = length > LONG_EDGE * np.maximum(preceding, np.roll(length, 1))
+    ends = np.roll(length > LONG_EDGE * np.maximum(following, np.roll(length, -1)), 1)
     return starts, ends
 
 

@@ -46,6 +46,8 @@ def read_boundary(data: bytes) -> Boundary:
     for number, (shape, matrix) in enumerate(_shapes(root, np.eye(3)), 1):
         name = f"<{local_name(shape)}> {shape.get('id') or 'number ' + str(number)}"
         for k, segments in enumerate(_segments(shape, name)):
+            if not all((np.abs(c) <= 1e150).all() for _, _, c in segments):
+                raise InputError(f"{name}: NaN, infinity or a number above 1e150; correct it")
             placed = [(knots, p, _place(c, matrix)) for knots, p, c in segments]
             subpaths.append((name if k == 0 else f"{name}, subpath {k + 1}", placed))
     points = [c for _, segments in subpaths for _, _, c in segments]
