@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ._core import __version__
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError, TransferError
+from .io import read, read_boundary, read_landmarks, write
 from .multipatch import Boundary, Interface, MultiPatch, Side
 from .splines import BSplineCurve, Patch
 
@@ -19,4 +20,8 @@ __all__ = [
     "Side",
     "TransferError",
     "__version__",
+    "read",
+    "read_boundary",
+    "read_landmarks",
+    "write",
 ]

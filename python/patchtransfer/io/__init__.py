@@ -1,0 +1,209 @@
+"""Stage 0, input and output: files to `MultiPatch` and `Boundary`, and back.
+
+=========  ==========  =======================================  ==============================
+format     extensions  holds                                    reads / writes
+=========  ==========  =======================================  ==============================
+G+Smo XML  .xml        patches, boundary curves                 multi-patch, boundary / both
+CSV        .csv, .txt  points of closed outlines, landmarks     boundary, landmarks / –
+SVG        .svg        closed paths and shapes                  boundary / –
+=========  ==========  =======================================  ==============================
+
+A format is one entry of `FORMATS`; its functions take and return the contents of files, and raise
+`InputError` without the path, which is added here.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import InputError
+from ..multipatch import Boundary, MultiPatch
+from ..splines import FloatArray
+from . import gismo, points, svg
+from .atomic import read_bytes, write_atomic
+
+__all__ = ["FORMATS", "Format", "read", "read_boundary", "read_landmarks", "write"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format: how to recognise it and what it can hold; None where it cannot."""
+
+    name: str
+    extensions: tuple[str, ...]
+    matches: Callable[[bytes], bool]
+    read: Callable[[bytes], MultiPatch] | None = None
+    read_boundary: Callable[[bytes], Boundary] | None = None
+    write: Callable[[MultiPatch], str] | None = None
+    write_boundary: Callable[[Boundary], str] | None = None
+
+
+def _first_tag(data: bytes) -> bytes:
+    """Name of the root element without its namespace prefix, empty if the data is not XML."""
+    if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+        return b""
+    without_comments = re.sub(rb"<!--.*?(-->|$)", b"", data[:65536], flags=re.DOTALL)
+    found = re.search(rb"<(?:[\w.-]+:)?([A-Za-z_][\w.-]*)", without_comments)
+    return found[1] if found else b"?"
+
+
+FORMATS = (
+    Format(
+        "G+Smo XML",
+        (".xml",),
+        lambda data: _first_tag(data) not in (b"", b"svg"),
+        gismo.read_multipatch,
+        gismo.read_boundary,
+        gismo.format_multipatch,
+        gismo.format_boundary,
+    ),
+    Format("SVG", (".svg",), lambda data: _first_tag(data) == b"svg", read_boundary=svg.read_boundary),
+    Format("CSV", (".csv", ".txt"), points.looks_like_points, read_boundary=points.read_boundary),
+)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Put the path in front of the message of an `InputError`."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _extensions(formats: list[Format]) -> str:
+    return ", ".join(extension for f in formats for extension in f.extensions)
+
+
+def _format_of(path: Path, data: bytes) -> Format:
+    """Format by content; the extension decides only where the content does not tell."""
+    by_content = [f for f in FORMATS if f.matches(data)]
+    by_name = [f for f in FORMATS if path.suffix.lower() in f.extensions]
+    both = [f for f in by_content if f in by_name]
+    chosen = both or by_content or by_name
+    if not chosen:
+        raise InputError(f"unknown format; supported are {_extensions(list(FORMATS))}")
+    return chosen[0]
+
+
+def read(path: str | os.PathLike[str]) -> MultiPatch:
+    """Read a multi-patch.
+
+    Parameters
+    ----------
+    path : path
+        A G+Smo XML file. Of several ``MultiPatch`` blocks the first is read, as in G+Smo (with a warning);
+        without any, all patches of the file. Interfaces that the file does not state are inferred.
+
+    Returns
+    -------
+    MultiPatch
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or holds no planar B-spline or NURBS patches (three-dimensional and
+        hierarchical geometries are refused).
+    """
+    path = Path(path)
+    with _naming(path):
+        data = read_bytes(path)
+        found = _format_of(path, data)
+        if found.read is None:
+            able = _extensions([f for f in FORMATS if f.read])
+            raise InputError(
+                f"a {found.name} file holds no patches; use read_boundary, or a file of type {able}"
+            )
+        return found.read(data)
+
+
+def read_boundary(path: str | os.PathLike[str]) -> Boundary:
+    """Read the boundary curves of a domain.
+
+    Parameters
+    ----------
+    path : path
+        G+Smo XML (a ``PlanarDomain``, loose curves in any order and sense, or patches, whose boundary is
+        taken), SVG (every closed path is a loop; y is flipped, so that pictures are upright) or CSV (lines
+        ``x,y``, one closed outline per block, blocks separated by blank lines; interpolated by cubic
+        splines between corners).
+
+    Returns
+    -------
+    Boundary
+        Consecutive curves share their end points to the bit.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or its curves do not close up.
+    """
+    path = Path(path)
+    with _naming(path):
+        data = read_bytes(path)
+        found = _format_of(path, data)
+        if found.read_boundary is None:
+            raise InputError(f"a {found.name} file holds no boundary")
+        return found.read_boundary(data)
+
+
+def read_landmarks(path: str | os.PathLike[str]) -> FloatArray:
+    """Read landmarks: pairs of points that correspond on the source's and the target's boundary.
+
+    Parameters
+    ----------
+    path : path
+        CSV with the header ``xs,ys,xt,yt`` (columns in any order, others are ignored); ``#`` starts a
+        comment.
+
+    Returns
+    -------
+    (r, 4) array
+        Source x and y, target x and y.
+
+    Raises
+    ------
+    InputError
+        When a column is missing, or an entry is not a finite number.
+    """
+    path = Path(path)
+    with _naming(path):
+        return points.read_landmarks(read_bytes(path))
+
+
+def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None:
+    """Write a multi-patch or a boundary as G+Smo XML, atomically.
+
+    Numbers are written in full, so that reading gives back the same bits.
+
+    Parameters
+    ----------
+    geometry : MultiPatch or Boundary
+    path : path
+        Must end in ``.xml``; an existing file is replaced.
+
+    Raises
+    ------
+    InputError
+        On another extension, or when the folder does not exist or cannot be written to; no file is left
+        behind.
+    """
+    path = Path(path)
+    with _naming(path):
+        formats = [f for f in FORMATS if f.write or f.write_boundary]
+        chosen = next((f for f in formats if path.suffix.lower() in f.extensions), None)
+        if chosen is None:
+            raise InputError(
+                f"cannot write {path.suffix or 'a file without extension'}; use {_extensions(formats)}"
+            )
+        if isinstance(geometry, MultiPatch) and chosen.write:
+            write_atomic(path, chosen.write(geometry))
+        elif isinstance(geometry, Boundary) and chosen.write_boundary:
+            write_atomic(path, chosen.write_boundary(geometry))
+        else:
+            raise InputError(f"cannot write a {type(geometry).__name__}; pass a MultiPatch or a Boundary")
