@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ._core import __version__
+from .certificate import Certificate, certify
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError, TransferError
 from .multipatch import Boundary, Interface, MultiPatch, Side
 from .splines import BSplineCurve, Patch
@@ -10,6 +11,7 @@ from .splines import BSplineCurve, Patch
 __all__ = [
     "BSplineCurve",
     "Boundary",
+    "Certificate",
     "InfeasibleTargetError",
     "InputError",
     "Interface",
@@ -19,4 +21,5 @@ __all__ = [
     "Side",
     "TransferError",
     "__version__",
+    "certify",
 ]

@@ -2,12 +2,14 @@
 
 use pyo3::prelude::*;
 
+mod certificate;
 mod convert;
 mod spline;
 
 #[pymodule(name = "_core")]
 fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    certificate::register(m)?;
     spline::register(m)?;
     Ok(())
 }
