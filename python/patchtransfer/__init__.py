@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ._core import __version__
+from .certificate import Certificate, certify
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError, TransferError
 from .io import read, read_boundary, read_landmarks, write
 from .multipatch import Boundary, Interface, MultiPatch, Side
@@ -11,6 +12,7 @@ from .splines import BSplineCurve, Patch
 __all__ = [
     "BSplineCurve",
     "Boundary",
+    "Certificate",
     "InfeasibleTargetError",
     "InputError",
     "Interface",
@@ -24,4 +26,5 @@ __all__ = [
     "read_boundary",
     "read_landmarks",
     "write",
+    "certify",
 ]

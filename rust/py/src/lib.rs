@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+mod certificate;
 mod convert;
 mod optimizer;
 mod spline;
@@ -10,6 +11,7 @@ mod spline;
 fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     optimizer::register(m)?;
+    certificate::register(m)?;
     spline::register(m)?;
     Ok(())
 }

@@ -1,0 +1,436 @@
+//! Bézier arcs of closed loops with bounds on their rounding: hulls, tangents, winding, orientation.
+
+use crate::bernstein::{BoundedBernstein, Extraction, SLACK, TINY, U, extract, knot_uncertainty};
+use crate::simple_loops::Place;
+use crate::spline::SplineCurve;
+
+/// Cross product.
+pub(crate) fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[1] - a[1] * b[0]
+}
+
+fn minus(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0] - b[0], a[1] - b[1]]
+}
+
+/// Larger side of the bounding box.
+pub(crate) fn extent(points: &[[f64; 2]]) -> f64 {
+    (0..2)
+        .map(|d| {
+            let (lo, hi) = range(points.iter().map(|p| p[d]));
+            hi - lo
+        })
+        .fold(0.0, f64::max)
+}
+
+fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), x| (lo.min(x), hi.max(x)))
+}
+
+/// A point in the middle of all control points and a power of two above their distance from it.
+pub(crate) fn frame_of(loops: &[Vec<SplineCurve>]) -> ([f64; 2], f64) {
+    let points = || loops.iter().flatten().flat_map(|c| &c.points);
+    let origin: [f64; 2] = std::array::from_fn(|d| {
+        let (lo, hi) = range(points().map(|p| p[d]));
+        0.5 * lo + 0.5 * hi
+    });
+    let size = points().map(|&p| minus(p, origin)).fold(0.0, |m, p| f64::max(m, p[0].abs().max(p[1].abs())));
+    let unit = if size > 0.0 { size.log2().ceil().clamp(-1000.0, 1000.0).exp2() } else { 1.0 };
+    (origin, unit)
+}
+
+/// Cartesian control points of an arc or of a chain of arcs: its hull.
+#[derive(Clone, Debug)]
+pub(crate) struct Flat {
+    pub points: Vec<[f64; 2]>,
+    /// Bound on the error of every coordinate.
+    pub err: f64,
+    /// Largest absolute coordinate.
+    pub reach: f64,
+}
+
+impl Flat {
+    pub fn start(&self) -> [f64; 2] {
+        self.points[0]
+    }
+
+    pub fn end(&self) -> [f64; 2] {
+        self.points[self.points.len() - 1]
+    }
+
+    /// `[x0, x1, y0, y1]`, the error included.
+    pub fn bounds(&self) -> [f64; 4] {
+        let (x, y) = (range(self.points.iter().map(|p| p[0])), range(self.points.iter().map(|p| p[1])));
+        let e = 2.0 * self.err;
+        [x.0 - e, x.1 + e, y.0 - e, y.1 + e]
+    }
+
+    pub fn joined(mut self, next: Self) -> Self {
+        self.points.extend(next.points);
+        Self { points: self.points, err: self.err.max(next.err), reach: self.reach.max(next.reach) }
+    }
+
+    /// Whether a line separates the two hulls, by more than the errors.
+    ///
+    /// Axes: coordinates, centre to centre, and the normals of all lines through two points of either hull,
+    /// which include those of the hulls' edges.
+    pub fn separated(&self, other: &Self) -> bool {
+        let clear = |n: [f64; 2]| {
+            let along = |p: &[f64; 2]| n[0] * p[0] + n[1] * p[1];
+            let (a, b) = (range(self.points.iter().map(along)), range(other.points.iter().map(along)));
+            let size = n[0].abs() + n[1].abs();
+            let margin = SLACK * (self.err + other.err + 4.0 * U * (self.reach + other.reach)) * size;
+            b.0 - a.1 > margin || a.0 - b.1 > margin
+        };
+        if clear([1.0, 0.0]) || clear([0.0, 1.0]) {
+            return true;
+        }
+        let centre = |f: &Self| {
+            let n = f.points.len() as f64;
+            let sum = f.points.iter().fold([0.0; 2], |s, p| [s[0] + p[0], s[1] + p[1]]);
+            [sum[0] / n, sum[1] / n]
+        };
+        if clear(minus(centre(other), centre(self))) {
+            return true;
+        }
+        [self, other].iter().any(|f| {
+            let n = f.points.len();
+            (0..n).any(|i| {
+                (i + 1..n).any(|j| {
+                    let e = minus(f.points[j], f.points[i]);
+                    clear([-e[1], e[0]])
+                })
+            })
+        })
+    }
+}
+
+/// A Bézier arc in homogeneous coordinates; the third one is exactly 1 on a polynomial arc.
+#[derive(Clone, Debug)]
+pub(crate) struct Bezier {
+    points: Vec<[f64; 3]>,
+    err: [f64; 2],
+}
+
+impl Bezier {
+    fn magnitude(&self) -> (f64, f64) {
+        self.points.iter().fold((0.0, 0.0), |(m, w), p| (m.max(p[0].abs()).max(p[1].abs()), w.max(p[2])))
+    }
+
+    fn with_rounding(points: Vec<[f64; 3]>, before: &Self, steps: f64) -> Self {
+        let (m, w) = before.magnitude();
+        let weight = if before.is_polynomial() { 0.0 } else { before.err[1] + steps * U * w };
+        Self { points, err: [SLACK * (before.err[0] + steps * U * m) + TINY, SLACK * weight] }
+    }
+
+    fn is_polynomial(&self) -> bool {
+        self.err[1] == 0.0
+    }
+
+    /// The two halves; the middle point is the same bits in both.
+    pub fn halve(&self) -> [Self; 2] {
+        let n = self.points.len();
+        let (mut low, mut high) = (self.points.clone(), self.points.clone());
+        for level in 1..n {
+            for i in 0..n - level {
+                high[i] = std::array::from_fn(|d| 0.5 * (high[i][d] + high[i + 1][d]));
+            }
+            low[level] = high[0];
+        }
+        [low, high].map(|points| Self::with_rounding(points, self, n as f64))
+    }
+
+    /// The part over [a, b]: the control points are the blossoms at (a, ..., b, ...).
+    pub fn restrict(&self, a: f64, b: f64) -> Self {
+        let n = self.points.len();
+        let blossom = |ends: usize| {
+            let mut c = self.points.clone();
+            for level in 1..n {
+                let x = if level <= ends { b } else { a };
+                for i in 0..n - level {
+                    let w = |d: usize| {
+                        if d == 2 && self.is_polynomial() {
+                            1.0
+                        } else {
+                            (1.0 - x) * c[i][d] + x * c[i + 1][d]
+                        }
+                    };
+                    c[i] = [w(0), w(1), w(2)];
+                }
+            }
+            c[0]
+        };
+        // Four roundings a level.
+        Self::with_rounding((0..n).map(blossom).collect(), self, 5.0 * n as f64)
+    }
+
+    pub fn flat(&self) -> Flat {
+        let points: Vec<[f64; 2]> = self.points.iter().map(|p| [p[0] / p[2], p[1] / p[2]]).collect();
+        let reach = points.iter().flatten().fold(0.0, |m, x| f64::max(m, x.abs()));
+        let err = if self.is_polynomial() {
+            self.err[0]
+        } else {
+            let low = self.points.iter().map(|p| p[2]).fold(f64::INFINITY, f64::min) - self.err[1];
+            // No bound if the weights are lost in rounding: nothing will be proved then.
+            let err = (self.err[0] + reach * self.err[1]) / low + 2.0 * U * reach;
+            if low > 0.0 { SLACK * err } else { f64::INFINITY }
+        };
+        Flat { points, err, reach }
+    }
+}
+
+/// Control vectors of an arc's direction of travel, up to a positive factor.
+#[derive(Clone, Debug)]
+pub(crate) struct Slope {
+    vectors: Vec<[f64; 2]>,
+    /// Vectors that vanish exactly, because control points coincide.
+    zero: Vec<bool>,
+    err: f64,
+}
+
+impl Slope {
+    fn halve(&self) -> [Self; 2] {
+        let n = self.vectors.len();
+        let (mut low, mut high) = (self.clone(), self.clone());
+        for level in 1..n {
+            for i in 0..n - level {
+                high.vectors[i] =
+                    std::array::from_fn(|d| 0.5 * (high.vectors[i][d] + high.vectors[i + 1][d]));
+                high.zero[i] &= high.zero[i + 1];
+            }
+            low.vectors[level] = high.vectors[0];
+            low.zero[level] = high.zero[0];
+        }
+        let size = self.vectors.iter().flatten().fold(0.0, |m, x| f64::max(m, x.abs()));
+        let err = SLACK * (self.err + n as f64 * U * size) + TINY;
+        low.err = err;
+        high.err = err;
+        [low, high]
+    }
+
+    /// Whether all vectors that do not vanish have a positive component along `n`, beyond rounding.
+    fn ascends(&self, n: [f64; 2]) -> bool {
+        self.vectors.iter().zip(&self.zero).all(|(v, &zero)| {
+            let margin =
+                self.err * (n[0].abs() + n[1].abs()) + 4.0 * U * ((v[0] * n[0]).abs() + (v[1] * n[1]).abs());
+            zero || v[0] * n[0] + v[1] * n[1] > SLACK * margin + TINY
+        })
+    }
+}
+
+/// Whether a chain of arcs is monotone in a common direction, proved; then it does not meet itself.
+pub(crate) fn monotone(slopes: &[&Slope]) -> bool {
+    let vectors = || slopes.iter().flat_map(|s| s.vectors.iter().zip(&s.zero)).filter(|v| !v.1).map(|v| *v.0);
+    let unit = |v: [f64; 2]| {
+        let length = v[0].hypot(v[1]);
+        [v[0] / length, v[1] / length]
+    };
+    let mean = vectors().map(unit).fold([0.0; 2], |s, v| [s[0] + v[0], s[1] + v[1]]);
+    let ascends = |n| slopes.iter().all(|s| s.ascends(n));
+    if ascends(mean) {
+        return true;
+    }
+    // Otherwise the bisector of the extreme directions is the best choice.
+    let angle = |v: [f64; 2]| cross(mean, v).atan2(mean[0] * v[0] + mean[1] * v[1]);
+    let (lo, hi) = range(vectors().map(angle));
+    let (sin, cos) = (0.5 * (lo + hi)).sin_cos();
+    ascends(unit([mean[0] * cos - mean[1] * sin, mean[0] * sin + mean[1] * cos]))
+}
+
+/// An arc of a loop.
+#[derive(Clone, Debug)]
+pub(crate) struct Arc {
+    pub bezier: Bezier,
+    pub slope: Slope,
+    loop_index: usize,
+    curve: usize,
+    t: [f64; 2],
+}
+
+impl Arc {
+    pub fn halve(self) -> [Self; 2] {
+        let middle = 0.5 * (self.t[0] + self.t[1]);
+        let ([b0, b1], [s0, s1]) = (self.bezier.halve(), self.slope.halve());
+        let arc = |bezier, slope, t| Self { bezier, slope, t, ..self };
+        [arc(b0, s0, [self.t[0], middle]), arc(b1, s1, [middle, self.t[1]])]
+    }
+
+    /// The place at `s` in [0, 1] of the arc.
+    pub fn place(&self, s: f64) -> Place {
+        let t = self.t[0] + s * (self.t[1] - self.t[0]);
+        Place { loop_index: self.loop_index, curve: self.curve, t }
+    }
+}
+
+/// Bézier arcs of a closed loop about `origin` in units of `unit`, and the largest gap between its curves.
+///
+/// Each curve's last control point is taken to be the next one's first. Arcs of no extent are left out.
+pub(crate) fn arcs_of_loop(
+    loop_index: usize,
+    curves: &[SplineCurve],
+    origin: [f64; 2],
+    unit: f64,
+) -> (Vec<Arc>, f64) {
+    let mut gap: f64 = 0.0;
+    let mut arcs: Vec<Arc> = Vec::new();
+    for (index, curve) in curves.iter().enumerate() {
+        let next = curves[(index + 1) % curves.len()].points[0];
+        let end = curve.points.len() - 1;
+        let off = minus(curve.points[end], next);
+        gap = gap.max(off[0].hypot(off[1]));
+        let mut curve = curve.clone();
+        curve.points[end] = next;
+        let values = Extraction::new(&curve.knots, curve.degree);
+        for span in 0..values.first.len() {
+            let slope = match curve.weights {
+                None => polynomial_slope(&curve, unit, span),
+                Some(_) => rational_slope(&curve, unit, &values, span),
+            };
+            if !slope.zero.iter().all(|z| *z) {
+                let bezier = bezier_of(&curve, origin, unit, &values, span);
+                arcs.push(Arc { bezier, slope, loop_index, curve: index, t: values.ends[span] });
+            }
+        }
+    }
+    // Neighbouring arcs share the bits of their common point, so that their chords form a closed polygon.
+    for i in 0..arcs.len() {
+        let next = arcs[(i + 1) % arcs.len()].bezier.points[0];
+        let bezier = &mut arcs[i].bezier;
+        let last = bezier.points.last_mut().expect("arcs have control points");
+        let moved = if last[2] == next[2] { next } else { [0, 1, 2].map(|d| next[d] / next[2] * last[2]) };
+        let shift = (0..3).map(|d| (moved[d] - last[d]).abs()).fold(0.0, f64::max);
+        *last = moved;
+        bezier.err[0] += SLACK * shift;
+        if bezier.err[1] > 0.0 {
+            bezier.err[1] += SLACK * shift;
+        }
+    }
+    (arcs, gap)
+}
+
+/// The trivial extraction for the second variable of a univariate spline.
+fn constant() -> Extraction {
+    Extraction::new(&[0.0, 1.0], 0)
+}
+
+fn bezier_of(curve: &SplineCurve, origin: [f64; 2], unit: f64, values: &Extraction, span: usize) -> Bezier {
+    let first = values.first[span];
+    let weight = |k: usize| curve.weights.as_ref().map_or(1.0, |w| w[k]);
+    let h: [BoundedBernstein; 3] = std::array::from_fn(|c| {
+        extract(values, &constant(), [span, 0], 2.0 * U, |a, _| {
+            let k = first + a;
+            if c == 2 { weight(k) } else { weight(k) * ((curve.points[k][c] - origin[c]) / unit) }
+        })
+    });
+    let polynomial = curve.weights.is_none();
+    let points = (0..=values.degree)
+        .map(|i| [h[0].coefs[i], h[1].coefs[i], if polynomial { 1.0 } else { h[2].coefs[i] }])
+        .collect();
+    Bezier { points, err: [h[0].err.max(h[1].err), if polynomial { 0.0 } else { h[2].err }] }
+}
+
+fn polynomial_slope(curve: &SplineCurve, unit: f64, span: usize) -> Slope {
+    let (p, knots, points) = (curve.degree, &curve.knots, &curve.points);
+    let slopes = Extraction::new(&knots[1..knots.len() - 1], p - 1);
+    let first = slopes.first[span];
+    let [x, y]: [BoundedBernstein; 2] = std::array::from_fn(|c| {
+        extract(&slopes, &constant(), [span, 0], 5.0 * U + knot_uncertainty(knots), |a, _| {
+            let k = first + a;
+            // Only the direction matters: in units of the last knot span the numbers stay near one.
+            let h = (knots[k + p + 1] - knots[k + 1]) / (knots[first + p + 1] - knots[first + p]);
+            (points[k + 1][c] - points[k][c]) / unit / h
+        })
+    });
+    let zero = zeros(&slopes, span, |a| points[first + a] == points[first + a + 1]);
+    let err = x.err.max(y.err);
+    Slope { vectors: x.coefs.into_iter().zip(y.coefs).map(|(x, y)| [x, y]).collect(), zero, err }
+}
+
+/// Extracted vectors that only vanishing ones contribute to.
+fn zeros(e: &Extraction, span: usize, vanishes: impl Fn(usize) -> bool) -> Vec<bool> {
+    let rows = e.matrix(span).chunks_exact(e.degree + 1);
+    rows.map(|row| row.iter().enumerate().all(|(a, &w)| w == 0.0 || vanishes(a))).collect()
+}
+
+/// Numerator X'W - XW' of a rational arc's derivative, about a control point of the arc itself.
+fn rational_slope(curve: &SplineCurve, unit: f64, values: &Extraction, span: usize) -> Slope {
+    let (p, first, points) = (values.degree, values.first[span], &curve.points);
+    let weights = curve.weights.as_ref().expect("a rational curve");
+    let origin = points[first + p / 2];
+    let h: [BoundedBernstein; 3] = std::array::from_fn(|c| {
+        extract(values, &constant(), [span, 0], 2.0 * U, |a, _| {
+            let k = first + a;
+            if c == 2 { weights[k] } else { weights[k] * ((points[k][c] - origin[c]) / unit) }
+        })
+    });
+    let slopes = [0, 1, 2].map(|c| h[c].derivative(0, 1.0, 0.0));
+    let [x, y] = [0, 1]
+        .map(|c| BoundedBernstein::sum_of_products(&[(1.0, &slopes[c], &h[2]), (-1.0, &h[c], &slopes[2])]));
+    let err = x.err.max(y.err);
+    let vectors: Vec<[f64; 2]> = x.coefs.into_iter().zip(y.coefs).map(|(x, y)| [x, y]).collect();
+    let mut zero = vec![(0..=p).all(|a| points[first + a] == points[first]); vectors.len()];
+    // At the clamped ends of the curve the end vectors are multiples of the control polygon's.
+    zero[0] |= span == 0 && points[0] == points[1];
+    let end = points.len() - 1;
+    *zero.last_mut().expect("degree at least one") |=
+        span + 1 == values.first.len() && points[end] == points[end - 1];
+    Slope { vectors, zero, err }
+}
+
+/// Sense of a simple loop: +1 counter-clockwise, -1 clockwise, 0 undecided.
+///
+/// The area between an arc and its chord is at most the largest distance from the chord times the length of the
+/// control polygon; the polygon of chords decides once it outweighs all of that.
+pub(crate) fn orientation(arcs: &[Arc]) -> i8 {
+    let mut parts: Vec<Bezier> = arcs.iter().map(|a| a.bezier.clone()).collect();
+    for _ in 0..8 {
+        let (mut area, mut uncertain) = (0.0, 0.0);
+        for flat in parts.iter().map(Bezier::flat) {
+            let (a, b) = (flat.start(), flat.end());
+            area += 0.5 * cross(a, b);
+            let chord = minus(b, a);
+            let length = chord[0].hypot(chord[1]);
+            let off = |&p: &[f64; 2]| {
+                let d = minus(p, a);
+                if length > 0.0 { cross(chord, d).abs() / length } else { d[0].hypot(d[1]) }
+            };
+            let polygon: f64 =
+                flat.points.windows(2).map(|w| minus(w[1], w[0])).map(|d| d[0].hypot(d[1])).sum();
+            let distance = flat.points.iter().map(off).fold(0.0, f64::max);
+            uncertain +=
+                distance * polygon + 4.0 * (flat.err + 8.0 * U * flat.reach) * (polygon + flat.reach);
+        }
+        if area.abs() > SLACK * uncertain + parts.len() as f64 * 4.0 * U {
+            return if area > 0.0 { 1 } else { -1 };
+        }
+        parts = parts.iter().flat_map(Bezier::halve).collect();
+    }
+    0
+}
+
+/// Winding number of a loop about `y`, `None` if `y` is too close to the loop.
+///
+/// Arcs whose hull stays away from `y` may be replaced by their chords; others are halved. The angles under which
+/// the chords are seen add up to a multiple of 2π.
+pub(crate) fn winding(arcs: &[Arc], y: [f64; 2]) -> Option<i32> {
+    let mut total = 0.0;
+    for arc in arcs {
+        let mut stack = vec![(arc.bezier.clone(), 0)];
+        while let Some((part, depth)) = stack.pop() {
+            let flat = part.flat();
+            // The angles of neighbouring chords share their rounding if y is much farther than the error.
+            let point = Flat { points: vec![y], err: 1e3 * (flat.err + U), reach: 1.0 };
+            if point.separated(&flat) {
+                let (a, b) = (minus(flat.start(), y), minus(flat.end(), y));
+                total += cross(a, b).atan2(a[0] * b[0] + a[1] * b[1]);
+            } else if depth == 60 {
+                return None;
+            } else {
+                let [low, high] = part.halve();
+                stack.push((high, depth + 1));
+                stack.push((low, depth + 1));
+            }
+        }
+    }
+    Some((total / std::f64::consts::TAU).round() as i32)
+}

@@ -1,0 +1,304 @@
+//! Proof that closed loops of spline curves are simple and pairwise disjoint.
+//!
+//! Curves become Bézier arcs, halved until every arc and every pair of consecutive arcs is monotone in some
+//! direction (all derivative control vectors in an open half plane), hence free of self-intersections. All other
+//! pairs of arcs must be separated by a line (separating axes of the control polygons' hulls, a margin for
+//! rounding), halving where they are not. A crossing is proved where two sub-arcs traverse a parallelogram from
+//! side to opposite side each: by the intermediate value theorem they meet.
+
+use crate::arcs::{Arc, Bezier, Flat, arcs_of_loop, cross, extent, frame_of};
+use crate::bernstein::U;
+use crate::spline::SplineCurve;
+
+/// Halvings of an arc while looking for monotone pairs.
+const MAX_ROUNDS: usize = 40;
+/// Tests spent on one pair of arcs, and on all together.
+const PAIR_BUDGET: usize = 20_000;
+const TOTAL_BUDGET: usize = 2_000_000;
+/// A crossing is located to within this size, relative to the model.
+const LOCATED: f64 = 1e-10;
+
+/// A point of a loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// Index of the loop.
+    pub loop_index: usize,
+    /// Index of the curve in the loop.
+    pub curve: usize,
+    /// Parameter on the curve.
+    pub t: f64,
+}
+
+/// What is known about two places that are too close.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeetingKind {
+    /// Proved to cross.
+    Crossing,
+    /// Could not be separated: they touch or nearly so.
+    Near,
+    /// A single place where the loop turns back on itself (a cusp).
+    Cusp,
+}
+
+/// Two places of the loops that cross or that could not be separated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Meeting {
+    /// What is known.
+    pub kind: MeetingKind,
+    /// First place.
+    pub a: Place,
+    /// Second place.
+    pub b: Place,
+    /// Where it is, to about the size of the sub-arcs.
+    pub point: [f64; 2],
+}
+
+/// Outcome for a set of loops.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoopsProof {
+    /// Crossings and undecided places; empty when all loops are proved simple and disjoint.
+    pub meetings: Vec<Meeting>,
+    /// +1 counter-clockwise, -1 clockwise, 0 undecided; meaningful for simple loops.
+    pub orientation: Vec<i8>,
+    /// For each loop, the loops that wind around it; `None` if undecided.
+    pub around: Vec<Option<Vec<usize>>>,
+    /// Largest distance between a curve's end and the next one's start (which is taken for both).
+    pub gap: f64,
+    /// Number of Bézier arcs used.
+    pub arcs: usize,
+}
+
+/// Examine closed loops: consecutive curves share end points, the last ends where the first starts.
+pub fn check_loops(loops: &[Vec<SplineCurve>]) -> LoopsProof {
+    let (origin, unit) = frame_of(loops);
+    let mut gap: f64 = 0.0;
+    let mut chains: Vec<Vec<Arc>> = Vec::with_capacity(loops.len());
+    let mut meetings = Vec::new();
+    for (k, curves) in loops.iter().enumerate() {
+        let (mut arcs, loop_gap) = arcs_of_loop(k, curves, origin, unit);
+        gap = gap.max(loop_gap);
+        make_monotone(&mut arcs, &mut meetings);
+        chains.push(arcs);
+    }
+    separate(&chains, &mut meetings);
+    let orientation = chains.iter().map(|arcs| crate::arcs::orientation(arcs)).collect();
+    let around = (0..chains.len())
+        .map(|k| {
+            let Some(y) = chains[k].first().map(|a| a.bezier.flat().start()) else { return Some(Vec::new()) };
+            let mut around = Vec::new();
+            for (m, other) in chains.iter().enumerate().filter(|(m, _)| *m != k) {
+                if crate::arcs::winding(other, y)? != 0 {
+                    around.push(m);
+                }
+            }
+            Some(around)
+        })
+        .collect();
+    for meeting in &mut meetings {
+        for d in 0..2 {
+            meeting.point[d] = meeting.point[d] * unit + origin[d];
+        }
+    }
+    let arcs = chains.iter().map(Vec::len).sum();
+    LoopsProof { meetings, orientation, around, gap, arcs }
+}
+
+/// Halve arcs until there are four or more and every two consecutive ones are monotone together.
+fn make_monotone(arcs: &mut Vec<Arc>, meetings: &mut Vec<Meeting>) {
+    for round in 0.. {
+        let n = arcs.len();
+        if n == 0 {
+            return;
+        }
+        let mut split = vec![n < 4; n];
+        let mut bad = Vec::new();
+        for i in 0..n {
+            let (a, b) = (&arcs[i], &arcs[(i + 1) % n]);
+            if !crate::arcs::monotone(&[&a.slope, &b.slope]) {
+                bad.push(i);
+                let alone = [&a.slope, &b.slope].map(|s| crate::arcs::monotone(&[s]));
+                let both = alone[0] && alone[1];
+                split[i] |= both || !alone[0];
+                split[(i + 1) % n] |= both || !alone[1];
+            }
+        }
+        if round == MAX_ROUNDS || !split.contains(&true) {
+            for i in bad {
+                let (a, b) = (&arcs[i], &arcs[(i + 1) % n]);
+                let point = b.bezier.flat().start();
+                meetings.push(Meeting { kind: MeetingKind::Cusp, a: a.place(1.0), b: b.place(0.0), point });
+            }
+            return;
+        }
+        *arcs = arcs
+            .drain(..)
+            .zip(split)
+            .flat_map(|(arc, split)| if split { Vec::from(arc.halve()) } else { vec![arc] })
+            .collect();
+    }
+}
+
+/// Separate all pairs of arcs that are not neighbours, or report where that fails.
+fn separate(chains: &[Vec<Arc>], meetings: &mut Vec<Meeting>) {
+    let index: Vec<(usize, usize)> =
+        chains.iter().enumerate().flat_map(|(k, arcs)| (0..arcs.len()).map(move |i| (k, i))).collect();
+    let flats: Vec<Flat> = index.iter().map(|&(k, i)| chains[k][i].bezier.flat()).collect();
+    let boxes: Vec<[f64; 4]> = flats.iter().map(Flat::bounds).collect();
+    let mut order: Vec<usize> = (0..index.len()).collect();
+    order.sort_by(|&a, &b| boxes[a][0].total_cmp(&boxes[b][0]).then(a.cmp(&b)));
+    let mut active: Vec<usize> = Vec::new();
+    let mut found = Vec::new();
+    let mut spent = 0;
+    for &b in &order {
+        active.retain(|&a| boxes[a][1] >= boxes[b][0]);
+        for &a in &active {
+            let (first, second) = (a.min(b), a.max(b));
+            if boxes[a][3] < boxes[b][2]
+                || boxes[b][3] < boxes[a][2]
+                || neighbours(chains, index[a], index[b])
+            {
+                continue;
+            }
+            if let Some(meeting) = separate_pair(chains, index[first], index[second], &mut spent) {
+                found.push(meeting);
+            }
+        }
+        active.push(b);
+    }
+    found.sort_by_key(|m| {
+        (m.kind != MeetingKind::Crossing, m.a.loop_index, m.a.curve, m.b.loop_index, m.b.curve)
+    });
+    for meeting in found {
+        let close = |other: &Meeting| {
+            let d = (meeting.point[0] - other.point[0]).hypot(meeting.point[1] - other.point[1]);
+            d < 1e-7 && (other.kind == MeetingKind::Crossing || other.kind == meeting.kind)
+        };
+        if !meetings.iter().any(close) {
+            meetings.push(meeting);
+        }
+    }
+}
+
+fn neighbours(chains: &[Vec<Arc>], a: (usize, usize), b: (usize, usize)) -> bool {
+    let n = chains[a.0].len();
+    a.0 == b.0 && (a.1.abs_diff(b.1) <= 1 || a.1.abs_diff(b.1) == n - 1)
+}
+
+/// A part of an arc over the parameters `s` of the arc.
+#[derive(Clone)]
+struct Part {
+    bezier: Bezier,
+    flat: Flat,
+    s: [f64; 2],
+}
+
+impl Part {
+    fn length(&self) -> f64 {
+        self.s[1] - self.s[0]
+    }
+
+    fn halve(&self) -> [Self; 2] {
+        let middle = 0.5 * (self.s[0] + self.s[1]);
+        let [a, b] = self.bezier.halve();
+        let part = |bezier: Bezier, s| Self { flat: bezier.flat(), bezier, s };
+        [part(a, [self.s[0], middle]), part(b, [middle, self.s[1]])]
+    }
+}
+
+fn separate_pair(
+    chains: &[Vec<Arc>],
+    a: (usize, usize),
+    b: (usize, usize),
+    spent: &mut usize,
+) -> Option<Meeting> {
+    let whole = |(k, i): (usize, usize)| {
+        let bezier = chains[k][i].bezier.clone();
+        Part { flat: bezier.flat(), bezier, s: [0.0, 1.0] }
+    };
+    let meeting = |kind, pa: &Part, pb: &Part| {
+        let place = |(k, i): (usize, usize), part: &Part| chains[k][i].place(0.5 * (part.s[0] + part.s[1]));
+        Meeting { kind, a: place(a, pa), b: place(b, pb), point: pa.flat.start() }
+    };
+    let mut near = None;
+    let mut budget = PAIR_BUDGET;
+    let mut stack = vec![(whole(a), whole(b), false)];
+    while let Some((pa, pb, mut crosses)) = stack.pop() {
+        *spent += 1;
+        if pa.flat.separated(&pb.flat) {
+            continue;
+        }
+        // Near the end of a part a crossing shows only on parts that reach farther.
+        let wide = || pa.length().max(pb.length()) <= 0.25;
+        crosses |= crossing(&pa.flat, &pb.flat)
+            || wide() && crossing(&window(&chains[a.0], a.1, pa.s), &window(&chains[b.0], b.1, pb.s));
+        let (size_a, size_b) = (extent(&pa.flat.points), extent(&pb.flat.points));
+        let size = size_a.max(size_b);
+        if crosses && size < LOCATED {
+            return Some(meeting(MeetingKind::Crossing, &pa, &pb));
+        }
+        budget = budget.saturating_sub(1);
+        let exhausted = budget == 0 || *spent > TOTAL_BUDGET;
+        if exhausted || size < 64.0 * (pa.flat.err + pb.flat.err) {
+            let kind = if crosses { MeetingKind::Crossing } else { MeetingKind::Near };
+            near.get_or_insert_with(|| meeting(kind, &pa, &pb));
+            budget = budget.min(PAIR_BUDGET / 10);
+            if exhausted {
+                break;
+            }
+        } else if size_a >= size_b {
+            let [low, high] = pa.halve();
+            stack.push((high, pb.clone(), crosses));
+            stack.push((low, pb, crosses));
+        } else {
+            let [low, high] = pb.halve();
+            stack.push((pa.clone(), high, crosses));
+            stack.push((pa, low, crosses));
+        }
+    }
+    near
+}
+
+/// The chain over the parameters `s` of an arc, widened by three times its length on either side, into less
+/// than half of the neighbouring arcs (so that windows of arcs with one arc between them stay apart).
+fn window(arcs: &[Arc], i: usize, s: [f64; 2]) -> Flat {
+    let n = arcs.len();
+    let reach = 3.0 * (s[1] - s[0]);
+    let (from, to) = (s[0] - reach, s[1] + reach);
+    let mut flat = arcs[i].bezier.restrict(from.max(0.0), to.min(1.0)).flat();
+    if from < 0.0 {
+        let before = arcs[(i + n - 1) % n].bezier.restrict((1.0 + from).max(0.55), 1.0).flat();
+        flat = before.joined(flat);
+    }
+    if to > 1.0 {
+        flat = flat.joined(arcs[(i + 1) % n].bezier.restrict(0.0, (to - 1.0).min(0.45)).flat());
+    }
+    flat
+}
+
+/// Whether two chains are proved to cross.
+///
+/// In the oblique frame of the two chords, chain A stays between the lines y = min A and y = max A and runs
+/// from left of all of B to right of it; B likewise from below all of A to above. Within the parallelogram that
+/// the four lines bound, one path joins left and right and the other bottom and top.
+fn crossing(a: &Flat, b: &Flat) -> bool {
+    let e1 = [a.end()[0] - a.start()[0], a.end()[1] - a.start()[1]];
+    let mut e2 = [b.end()[0] - b.start()[0], b.end()[1] - b.start()[1]];
+    let (mut low, mut high) = (b.start(), b.end());
+    if cross(e1, e2) < 0.0 {
+        e2 = [-e2[0], -e2[1]];
+        (low, high) = (high, low);
+    }
+    let x = |p: [f64; 2]| cross(p, e2);
+    let y = |p: [f64; 2]| cross(e1, p);
+    let margin = |e: [f64; 2], of: &Flat| (of.err + 4.0 * U * of.reach) * (e[0].abs() + e[1].abs());
+    let (mx, my) = (margin(e2, a) + margin(e2, b), margin(e1, a) + margin(e1, b));
+    let left = b.points.iter().all(|&p| x(p) > x(a.start()) + mx);
+    let right = b.points.iter().all(|&p| x(p) < x(a.end()) - mx);
+    let below = a.points.iter().all(|&p| y(p) > y(low) + my);
+    let above = a.points.iter().all(|&p| y(p) < y(high) - my);
+    left && right && below && above
+}
+
+#[cfg(test)]
+#[path = "simple_loops_tests.rs"]
+mod tests;

@@ -1,0 +1,78 @@
+//! Bindings of `patchtransfer_core::{injectivity, simple_loops}`.
+
+use patchtransfer_core::bernstein::MAX_DEGREE;
+use patchtransfer_core::injectivity::{self, CellKind, Limits};
+use patchtransfer_core::simple_loops::{self, MeetingKind, Place};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::convert::{CurveTuple, PatchTuple, curve, patch};
+
+/// `(kind, (u0, u1, v0, v1), (u, v), value)`.
+type CellTuple = (&'static str, [f64; 4], [f64; 2], f64);
+/// `(lower_bound, sign_agrees, subdivisions, cells)`.
+type ProofTuple = (f64, bool, usize, Vec<CellTuple>);
+/// `(loop, curve, t)`.
+type PlaceTuple = (usize, usize, f64);
+/// `(kind, place, place, point)`.
+type MeetingTuple = (&'static str, PlaceTuple, PlaceTuple, [f64; 2]);
+/// `(meetings, orientation, around, gap, arcs)`.
+type LoopsTuple = (Vec<MeetingTuple>, Vec<i8>, Vec<Option<Vec<usize>>>, f64, usize);
+
+/// Prove det J > 0 patch by patch; `signs` are the patches' orientations.
+#[pyfunction]
+fn certify_patches(
+    py: Python<'_>,
+    patches: Vec<PatchTuple<'_>>,
+    signs: Vec<f64>,
+    max_depth: usize,
+) -> PyResult<Vec<ProofTuple>> {
+    let patches = patches.iter().map(patch).collect::<PyResult<Vec<_>>>()?;
+    if signs.len() != patches.len() {
+        return Err(PyValueError::new_err(format!("{} signs for {} patches", signs.len(), patches.len())));
+    }
+    if patches.iter().flat_map(|p| p.degrees).any(|d| d == 0 || 3 * d > MAX_DEGREE + 1) {
+        return Err(PyValueError::new_err(format!("degrees must be 1 to {}", (MAX_DEGREE + 1) / 3)));
+    }
+    let limits = Limits { max_depth, ..Limits::default() };
+    let proofs = py.detach(|| injectivity::certify_patches(&patches, &signs, &limits));
+    let kind = |kind| match kind {
+        CellKind::Degenerate => "degenerate",
+        CellKind::Undecided => "undecided",
+        CellKind::Folded => "folded",
+    };
+    Ok(proofs
+        .into_iter()
+        .map(|proof| {
+            let cells = proof.cells.iter().map(|c| (kind(c.kind), c.bounds, c.point, c.value)).collect();
+            (proof.lower_bound, proof.sign_agrees, proof.subdivisions, cells)
+        })
+        .collect())
+}
+
+/// Prove that closed loops of curves are simple and disjoint.
+#[pyfunction]
+fn certify_loops(py: Python<'_>, loops: Vec<Vec<CurveTuple<'_>>>) -> PyResult<LoopsTuple> {
+    let loops = loops
+        .iter()
+        .map(|curves| curves.iter().map(curve).collect::<PyResult<Vec<_>>>())
+        .collect::<PyResult<Vec<_>>>()?;
+    if loops.iter().flatten().any(|c| c.degree == 0 || 2 * c.degree > MAX_DEGREE) {
+        return Err(PyValueError::new_err(format!("degrees must be 1 to {}", MAX_DEGREE / 2)));
+    }
+    let proof = py.detach(|| simple_loops::check_loops(&loops));
+    let kind = |kind| match kind {
+        MeetingKind::Crossing => "crossing",
+        MeetingKind::Near => "near",
+        MeetingKind::Cusp => "cusp",
+    };
+    let place = |p: Place| (p.loop_index, p.curve, p.t);
+    let meetings = proof.meetings.iter().map(|m| (kind(m.kind), place(m.a), place(m.b), m.point)).collect();
+    Ok((meetings, proof.orientation, proof.around, proof.gap, proof.arcs))
+}
+
+/// Add this file's functions to the module.
+pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_function(wrap_pyfunction!(certify_patches, m)?)?;
+    m.add_function(wrap_pyfunction!(certify_loops, m)?)
+}
