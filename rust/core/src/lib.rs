@@ -2,5 +2,9 @@
 //!
 //! One file per published method or data structure; `rust/py` only converts.
 
+pub mod laplacian;
+pub mod local_global;
 pub mod sparse;
 pub mod spline;
+pub mod ssvd;
+pub mod triangulation;

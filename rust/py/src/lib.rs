@@ -3,11 +3,13 @@
 use pyo3::prelude::*;
 
 mod convert;
+mod mesh;
 mod spline;
 
 #[pymodule(name = "_core")]
 fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    mesh::register(m)?;
     spline::register(m)?;
     Ok(())
 }
