@@ -1,6 +1,9 @@
 //! Criterion benches of the core's kernels: `cargo bench -p patchtransfer-core`.
 use criterion::{Criterion, criterion_group, criterion_main};
+use patchtransfer_core::local_global::LocalGlobal;
 use patchtransfer_core::spline::bezier_extract;
+use patchtransfer_core::ssvd;
+use patchtransfer_core::triangulation::triangulate;
 
 fn extraction(c: &mut Criterion) {
     let knots: Vec<f64> = [0.0; 3].into_iter().chain((0..=100).map(f64::from)).chain([100.0; 3]).collect();
@@ -8,5 +11,59 @@ fn extraction(c: &mut Criterion) {
     c.bench_function("bezier_extract/100 cubic spans", |b| b.iter(|| bezier_extract(&knots, 3, &points)));
 }
 
-criterion_group!(benches, extraction);
+/// Reused buffers on both sides: page faults of fresh ones would cost more than either kernel.
+fn projection(c: &mut Criterion) {
+    let n = 1_000_000;
+    let j: Vec<[f64; 4]> =
+        (0..n).map(|i| [0, 1, 2, 3].map(|c| f64::sin(f64::from(4 * i + c) * 1.7))).collect();
+    let k = vec![3.0; j.len()];
+    let mut out = vec![[0.0; 4]; j.len()];
+    c.bench_function("memcpy/1e6 matrices", |b| b.iter(|| out.copy_from_slice(std::hint::black_box(&j))));
+    c.bench_function("ssvd::project_all/1e6 faces", |b| b.iter(|| ssvd::project_all(&j, &k, &mut out)));
+}
+
+/// A square of (n + 1)² vertices, unstructured by a shift of the interior ones.
+fn square(n: usize) -> (Vec<[f64; 2]>, Vec<usize>) {
+    let h = 1.0 / n as f64;
+    let inner = |c: usize| c > 0 && c < n;
+    let points = (0..=n)
+        .flat_map(|i| (0..=n).map(move |j| (i, j)))
+        .map(|(i, j)| {
+            let shift = if inner(i) && inner(j) { 0.3 * h } else { 0.0 };
+            let phase = (i * 131 + j * 17) as f64;
+            [i as f64 * h + shift * phase.sin(), j as f64 * h + shift * (1.3 * phase).cos()]
+        })
+        .collect();
+    let at = |i: usize, j: usize| i * (n + 1) + j;
+    let south = (0..n).map(|i| at(i, 0));
+    let east = (0..n).map(|j| at(n, j));
+    let north = (0..n).map(|i| at(n - i, n));
+    let west = (0..n).map(|j| at(0, n - j));
+    (points, south.chain(east).chain(north).chain(west).collect())
+}
+
+fn mesh(c: &mut Criterion) {
+    let (points, rim) = square(315);
+    let loops = [rim];
+    c.bench_function("triangulate/1e5 points", |b| b.iter(|| triangulate(&points, &loops, None).unwrap()));
+    let mesh = triangulate(&points, &loops, None).unwrap();
+    let mut solver = LocalGlobal::new(&points, &mesh.triangles, &loops[0], None).unwrap();
+    let k = vec![1.2; mesh.triangles.len()];
+    let bend = |p: &[f64; 2]| [p[0], p[1] * (1.0 + 4.0 * (p[0] * 9.0).sin())];
+    let start: Vec<[f64; 2]> = points.iter().map(bend).collect();
+    assert!(solver.iterate(&mut start.clone(), &k, 5, 0.0, || true).steps == 5);
+    let mut u = start.clone();
+    c.bench_function("local-global/1e5 vertices, one step", |b| {
+        b.iter(|| {
+            u.copy_from_slice(&start);
+            solver.iterate(&mut u, &k, 1, 0.0, || true)
+        });
+    });
+}
+
+criterion_group! {
+    name = benches;
+    config = Criterion::default().sample_size(20);
+    targets = extraction, projection, mesh
+}
 criterion_main!(benches);

@@ -1,7 +1,10 @@
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 __version__: str
 
@@ -18,3 +21,32 @@ def certify_loops(
     loops: list[list[CurveTuple]],
 ) -> tuple[list[MeetingTuple], list[int], list[list[int] | None], float, int]: ...
 def bezier_extract(knots: FloatArray, degree: int, coefficients: FloatArray) -> FloatArray: ...
+
+class TriangulationError(ValueError):
+    args: tuple[str, str, list[int]]
+
+def triangulate(
+    points: FloatArray,
+    loops: Sequence[IntArray],
+    min_angle: float | None = None,
+    max_area: float | None = None,
+) -> tuple[FloatArray, IntArray]: ...
+def cotan_laplacian(
+    points: FloatArray, triangles: IntArray
+) -> tuple[FloatArray, IntArray, IntArray, tuple[int, int]]: ...
+def project_bounded_distortion(jacobians: FloatArray, k: FloatArray) -> FloatArray: ...
+
+class LocalGlobal:
+    def __init__(
+        self,
+        points: FloatArray,
+        triangles: IntArray,
+        fixed: IntArray,
+        null_space: tuple[FloatArray, IntArray, IntArray, tuple[int, int]] | None = None,
+    ) -> None: ...
+    def harmonic(self, u: FloatArray) -> FloatArray: ...
+    def iterate(
+        self, u: FloatArray, k: FloatArray, iterations: int, tolerance: float
+    ) -> tuple[FloatArray, list[int], list[float]]: ...
+    def singular_values(self, u: FloatArray) -> FloatArray: ...
+    def flips(self, u: FloatArray) -> int: ...

@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 mod certificate;
 mod convert;
 mod optimizer;
+mod mesh;
 mod spline;
 
 #[pymodule(name = "_core")]
@@ -12,6 +13,7 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     optimizer::register(m)?;
     certificate::register(m)?;
+    mesh::register(m)?;
     spline::register(m)?;
     Ok(())
 }
