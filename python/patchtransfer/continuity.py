@@ -1,7 +1,7 @@
 """Continuity report: how smooth a multi-patch is across its interfaces.
 
-In the plane any two patches that share a side are G1 there, so three finer things are measured: the residual of
-the C1 rows, the kink of iso-lines, and the residual of analysis-suitable G1 gluing.
+In the plane any two patches that share a side are G1 there, so three finer things are measured: the residual
+of the C1 rows, the kink of iso-lines, and the residual of analysis-suitable G1 gluing.
 """
 
 from __future__ import annotations
@@ -52,10 +52,8 @@ class InterfaceContinuity:
     kink : Kink
     as_g1_residual : float
     gluing : tuple of 7 float
-        The best gluing data: a(0), a(1), b(0), b(1) and the Bernstein coefficients of c, of unit norm, for cross
-        derivatives and tangent divided by their largest lengths and the interface mapped to [0, 1].
-    gluing_positive : bool
-        Whether a and b are positive on the whole interface, as analysis-suitable gluing requires.
+        The best gluing data: a(0), a(1), b(0), b(1) and the Bernstein coefficients of c, of unit norm, for
+        cross derivatives and tangent divided by their largest lengths and the interface mapped to [0, 1].
     """
 
     interface: Interface
@@ -69,6 +67,7 @@ class InterfaceContinuity:
 
     @property
     def gluing_positive(self) -> bool:
+        """Whether a and b are positive on the whole interface, as analysis-suitable gluing requires."""
         return min(self.gluing[:4]) > 0
 
     def to_dict(self) -> dict[str, Any]:
@@ -98,8 +97,8 @@ class VertexContinuity:
     position : (float, float)
     valence : int
     tangent_residual : float
-        Largest |g(0)| over the edges at the vertex, g = a D_a + b D_b − c C' with the best gluing data of each
-        interface (unit norm, scaled as in :class:`InterfaceContinuity`).
+        Largest |g(0)| over the edges at the vertex, g = a D_a + b D_b − c C' with the best gluing data of
+        each interface (unit norm, scaled as in :class:`InterfaceContinuity`).
     twist_residual : float
         Largest |g'(0)|, the first-order row, which ties the twists together.
     """
@@ -129,9 +128,9 @@ class ContinuityReport:
     c0_gap : float
         Largest distance between glued control points / diameter; exactly 0 when they are bit-equal.
     c1_residual : float
-        Largest distance / diameter between an interface control point and where its C1 row puts it. Rows that no
-        map with this topology and boundary can choose to fulfil are left out: the first at the boundary, the
-        first two at an extraordinary vertex.
+        Largest distance / diameter between an interface control point and where its C1 row puts it. Rows that
+        no map of this topology and boundary is free to fulfil are left out: the first at the boundary, the
+        first two at an extraordinary vertex (its rows are in `vertices`).
     c1_residual_all : float
         The same over all rows.
     kink_deg : Kink
@@ -165,14 +164,14 @@ class ContinuityReport:
         }
 
 
-def check_continuity(mp: MultiPatch, samples: int = 10) -> ContinuityReport:
+def check_continuity(mp: MultiPatch, samples: int = 20) -> ContinuityReport:
     """Measure the continuity of a multi-patch across its interfaces.
 
     Parameters
     ----------
     mp : MultiPatch
         Polynomial or rational, of any orientation.
-    samples : int, default 10
+    samples : int, default 20
         Uniform parameters per knot span along the interfaces, both ends included; at least 2.
 
     Returns
@@ -187,22 +186,24 @@ def check_continuity(mp: MultiPatch, samples: int = 10) -> ContinuityReport:
 
     Notes
     -----
-    D_a, D_b are the derivatives across the interface, pointing into the two patches; p the degree and h the first
-    knot span across; L_j, s_j, R_j the control points in the first row of one patch, on the interface, and in the
-    first row of the other.
+    D_a, D_b are the derivatives across the interface, pointing into the two patches; p the degree and h the
+    first knot span across; L_j, s_j, R_j the control points in the first row of one patch, on the interface,
+    and in the first row of the other.
 
-    C1 rows: ω_a (p_a/h_a)(L_j − s_j) + ω_b (p_b/h_b)(R_j − s_j) = 0, scaled so that the factors of s_j add up to
-    one. This is 2s − p − q = 0 of the paper (Eq. 10) where speeds and spans agree. The ratio ω_a : ω_b is the
-    log-mean of |D_b| / |D_a| over the whole chord, the interfaces joined through opposite edges of
-    valence-4 vertices. Rational patches have no such rows: there it is the largest |ω_a D_a + ω_b D_b| over the
-    samples in the same scaling.
+    C1 rows: ω_a (p_a/h_a)(L_j − s_j) + ω_b (p_b/h_b)(R_j − s_j) = 0, scaled so that the factors of s_j add up
+    to one. This is 2s − p − q = 0 of the paper (Eq. 10) where speeds and spans agree. The ratio ω_a : ω_b is
+    the log-mean of |D_b| / |D_a| over the whole chord, the interfaces joined through opposite edges of
+    valence-4 vertices. Rational patches have no such rows: there it is the largest |ω_a D_a + ω_b D_b| over
+    the samples in the same scaling.
 
     Kink: the angle between D_b and −D_a.
 
-    Analysis-suitable G1 (Collin, Sangalli, Takacs 2016): a D_a + b D_b = c C' with a, b > 0 linear and c quadratic
-    along the interface. With D_a, D_b, C' divided by their largest lengths the residual is the ratio of the
-    smallest to the largest singular value of the system of all samples in these seven coefficients (Bernstein form,
-    trapezoidal weights). An injective model of residual 0 has a, b > 0; of others `gluing_positive` tells.
+    Analysis-suitable G1 (Collin, Sangalli, Takacs 2016): a D_a + b D_b = c C' with a, b > 0 linear and c
+    quadratic along the interface. With D_a, D_b, C' divided by their largest lengths the residual is the
+    ratio of the smallest to the largest singular value of the system of all samples in these seven
+    coefficients (Bernstein form, trapezoidal weights). On regular patches a residual of 0 makes a and b have
+    one sign, for a det(D_a, C') = −b det(D_b, C'); where it is not small they may change sign
+    (`gluing_positive`).
     """
     if not mp.interfaces:
         return ContinuityReport(0.0, 0.0, 0.0, Kink(0.0, 0.0, None), 0.0, (), ())
@@ -215,7 +216,7 @@ def check_continuity(mp: MultiPatch, samples: int = 10) -> ContinuityReport:
     for members in groups.values():
         sampled.update(zip(members, _sample([edges[i] for i in members], samples), strict=True))
     found = [sampled[i] for i in range(len(edges))]
-    ratios = _chord_ratios(mp, vertices, found)
+    ratios = _chord_ratios(mp, edges, vertices, found)
     interfaces = tuple(_report(mp, *item) for item in zip(mp.interfaces, edges, found, ratios, strict=True))
     count = sum(s.count for s in found)
     worst = max(interfaces, key=lambda f: f.kink.max).kink
@@ -248,6 +249,7 @@ class _Edge:
     a: _Rows
     b: _Rows
     ends: tuple[int, int]
+    a_left: bool
     dropped: tuple[int, int]
     rational: bool
 
@@ -272,8 +274,9 @@ class _Samples:
 def _edge(mp: MultiPatch, f: Interface, vertices: dict[int, Vertex]) -> _Edge:
     a, b = mp.patches[f.patch_a], mp.patches[f.patch_b]
     knots = a.knots[f.side_a.axis]
-    points = f.side_a.of(mp.topology.points[f.patch_a])
-    ends = int(points[0]), int(points[-1])
+    directed = mp.topology.directed_side(f.patch_a, f.side_a)
+    points = directed.points(mp.topology.points[f.patch_a])
+    ends = (int(points[-1]), int(points[0])) if directed.reversed else (int(points[0]), int(points[-1]))
     dropped = [2 if vertices[v].extraordinary else 0 if vertices[v].interior else 1 for v in ends]
     return _Edge(
         (knots - knots[0]) / (knots[-1] - knots[0]),
@@ -281,6 +284,7 @@ def _edge(mp: MultiPatch, f: Interface, vertices: dict[int, Vertex]) -> _Edge:
         _rows(a, f.side_a, False),
         _rows(b, f.side_b, f.reversed),
         ends,
+        not directed.reversed,
         (dropped[0], dropped[1]),
         a.weights is not None or b.weights is not None,
     )
@@ -324,12 +328,21 @@ def _sample(edges: list[_Edge], samples: int) -> list[_Samples]:
     gaps = _norms(side_a[..., :2] / side_a[..., 2:] - side_b[..., :2] / side_b[..., 2:]).max(axis=1)
     if (side_a[..., 2] != side_b[..., 2]).any():
         gaps = np.maximum(gaps, _norms(curve - other).max(axis=1))
-    columns = [exists.sum(axis=1), angles.sum(axis=1), angles.max(axis=1), t[angles.argmax(axis=1)]]
-    columns += [log_ratios.sum(axis=1), as_g1]
-    numbers = zip(*(c.tolist() for c in columns), strict=True)
+    peak = angles.argmax(axis=1)
     return [
-        _Samples((first[k], second[k]), float(gaps[k]), *row, gluing[k], end_residuals[k])
-        for k, row in enumerate(numbers)
+        _Samples(
+            across=(first[k], second[k]),
+            gap=float(gaps[k]),
+            count=int(exists[k].sum()),
+            angle_sum=float(angles[k].sum()),
+            angle_max=float(angles[k, peak[k]]),
+            angle_max_at=float(t[peak[k]]),
+            log_ratio_sum=float(log_ratios[k].sum()),
+            as_g1=float(as_g1[k]),
+            gluing=gluing[k],
+            end_residuals=end_residuals[k],
+        )
+        for k in range(len(edges))
     ]
 
 
@@ -362,7 +375,7 @@ def _across(h: FloatArray, e: FloatArray, basis: tuple[FloatArray, ...]) -> tupl
 def _gluing(
     t: FloatArray, vectors: tuple[FloatArray, ...], slopes: tuple[FloatArray, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (k,), best gluing data (k, 7), end residuals (k, 2, 2) of the identity a D_a + b D_b = c C'."""
+    """Residuals (k,), gluing data (k, 7) and end residuals (k, 2, 2) of a D_a + b D_b = c C'."""
     scaled = []
     for v, dv in zip(vectors, slopes, strict=True):
         largest = _norms(v).max(axis=1)
@@ -398,7 +411,7 @@ def _trapezoidal(t: FloatArray) -> FloatArray:
 
 
 def _nearest_to_one(sigma: FloatArray, vt: FloatArray) -> FloatArray:
-    """Smallest singular vectors (k, 7), signed so that a and b are positive rather than negative.
+    """Pick the smallest singular vectors (k, 7), signed so that a and b are positive rather than negative.
 
     On C1 models the null space has several dimensions (any linear a = b): its vector nearest to a = b = 1.
     """
@@ -408,9 +421,11 @@ def _nearest_to_one(sigma: FloatArray, vt: FloatArray) -> FloatArray:
     return np.where(length > 0, x / np.where(length > 0, length, 1.0), vt[:, -1])
 
 
-def _chord_ratios(mp: MultiPatch, vertices: dict[int, Vertex], found: list[_Samples]) -> list[float]:
+def _chord_ratios(
+    mp: MultiPatch, edges: list[_Edge], vertices: dict[int, Vertex], found: list[_Samples]
+) -> list[float]:
     """ω_a / ω_b of every interface: the log-mean of |D_right| / |D_left| along its chord."""
-    left = _a_on_left(mp, vertices)
+    left = _a_on_left(mp, edges, vertices)
     ratios = [1.0] * len(left)
     for chord in mp.topology.chords:
         count = sum(found[i].count for i in chord)
@@ -420,16 +435,13 @@ def _chord_ratios(mp: MultiPatch, vertices: dict[int, Vertex], found: list[_Samp
     return ratios
 
 
-def _a_on_left(mp: MultiPatch, vertices: dict[int, Vertex]) -> list[int]:
-    """+1 or -1 for each interface: whether patch a lies on the left of its chord, in one sense of the chord."""
+def _a_on_left(mp: MultiPatch, edges: list[_Edge], vertices: dict[int, Vertex]) -> list[int]:
+    """+1 where patch a of an interface lies on the left of its chord (run in one sense), else -1."""
     chord_of = {i: k for k, chord in enumerate(mp.topology.chords) for i in chord}
     at: dict[int, list[tuple[int, bool]]] = defaultdict(list)
-    a_left = []
-    for i, f in enumerate(mp.interfaces):
-        points = f.side_a.of(mp.topology.points[f.patch_a])
-        at[int(points[0])].append((i, True))
-        at[int(points[-1])].append((i, False))
-        a_left.append(not mp.topology.directed_side(f.patch_a, f.side_a).reversed)
+    for i, edge in enumerate(edges):
+        at[edge.ends[0]].append((i, True))
+        at[edge.ends[1]].append((i, False))
     following: dict[int, list[tuple[int, bool]]] = defaultdict(list)
     for point, around in at.items():
         if not vertices[point].interior or vertices[point].valence != 4:
@@ -452,7 +464,7 @@ def _a_on_left(mp: MultiPatch, vertices: dict[int, Vertex]) -> list[int]:
                 if j not in forward:
                     forward[j] = forward[i] == same_sense
                     stack.append(j)
-    return [1 if forward[i] == a_left[i] else -1 for i in range(len(a_left))]
+    return [1 if forward[i] == edge.a_left else -1 for i, edge in enumerate(edges)]
 
 
 def _report(mp: MultiPatch, f: Interface, edge: _Edge, found: _Samples, ratio: float) -> InterfaceContinuity:
@@ -485,10 +497,8 @@ def _vertex_reports(
     for vertex in mp.topology.vertices:
         if vertex.extraordinary:
             tangent, twist = np.max(residuals[vertex.point], axis=0)
-            x, y = mp.topology.coordinates[vertex.point]
+            x, y = mp.topology.coordinates[vertex.point].tolist()
             reports.append(
-                VertexContinuity(
-                    vertex.point, (float(x), float(y)), vertex.valence, float(tangent), float(twist)
-                )
+                VertexContinuity(vertex.point, (x, y), vertex.valence, float(tangent), float(twist))
             )
     return tuple(reports)

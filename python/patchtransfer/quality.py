@@ -29,7 +29,7 @@ class Statistics:
     max: float
 
     def to_dict(self) -> dict[str, float | None]:
-        """The three numbers for JSON, which has no infinity: None stands for it."""
+        """Plain data for JSON, which has no infinity: None stands for it."""
         return {name: finite_or_none(getattr(self, name)) for name in ("min", "mean", "max")}
 
 
