@@ -71,7 +71,7 @@ def multipatch(
     """
     if iso_lines is not None and iso_lines < 1:
         raise InputError(f"iso_lines = {iso_lines}: at least 1 interval per knot span is needed")
-    ax = _new_axes(_extent(_points(mp))) if ax is None else ax
+    ax = _new_axes(np.concatenate(_sides(mp))) if ax is None else ax
     mappable = _draw_multipatch(ax, mp, iso_lines)
     _finish(ax, title)
     if colorbar:
@@ -95,7 +95,7 @@ def boundary(boundary: Boundary, ax: Axes | None = None, title: str | None = Non
     -------
     matplotlib.figure.Figure
     """
-    ax = _new_axes(_extent(np.concatenate(_loop_polylines(boundary)))) if ax is None else ax
+    ax = _new_axes(np.concatenate(_loops(boundary))) if ax is None else ax
     _draw_boundary(ax, boundary)
     _finish(ax, title)
     return _figure(ax)
@@ -122,13 +122,14 @@ def transfer(
     -------
     matplotlib.figure.Figure
     """
-    outline = np.concatenate(_loop_polylines(target))
-    figure, axes = _panels([_extent(p) for p in (_points(source), outline, _points(result))], 1.2)
+    figure, axes = _panels(
+        [np.concatenate(lines) for lines in (_sides(source), _loops(target), _sides(result))], 1.2
+    )
     mappable = _draw_multipatch(axes[0], source, None)
     _draw_boundary(axes[1], target)
     _draw_multipatch(axes[2], result, None)
     for ax, title in zip(axes, titles, strict=True):
-        _finish(ax, title, fill=True)
+        _finish(ax, title)
     _colorbar(figure, mappable, axes)
     if any(v.extraordinary for mp in (source, result) for v in mp.vertices):
         _legend(axes[0], [_extraordinary_handle()])
@@ -171,8 +172,7 @@ def registration(
     from matplotlib import colormaps
     from matplotlib.lines import Line2D
 
-    outlines = [np.concatenate(_loop_polylines(b)) for b in (source, fitted)]
-    figure, axes = _panels([_extent(p) for p in outlines], 0.0)
+    figure, axes = _panels([np.concatenate(_loops(b)) for b in (source, fitted)], 0.4)
     if target is not None:
         _draw_boundary(axes[1], target, color="#b5b5b5", width=3.5, dots=False)
         legend = [
@@ -186,7 +186,7 @@ def registration(
         ax.scatter(points[:, 0], points[:, 1], s=34, c=colors, edgecolors="white", linewidths=0.8, zorder=5)
         _number(ax, points, colors, loops)
     for ax, title in zip(axes, titles, strict=True):
-        _finish(ax, title, fill=True)
+        _finish(ax, title)
     if target is not None:
         _legend(axes[1], legend)
     return figure
@@ -276,34 +276,31 @@ def _new_figure(size: tuple[float, float]) -> Figure:
     return Figure(figsize=size, layout="constrained")
 
 
-def _new_axes(extent: tuple[float, float]) -> Axes:
-    width, height = extent
-    longest = max(width, height)
+def _new_axes(outline: FloatArray) -> Axes:
+    width, height = np.ptp(outline, axis=0).tolist()
+    longest = max(width, height) or 1.0
     size = (max(3.2, 6.4 * width / longest) + 1.4, max(2.8, 6.4 * height / longest) + 0.6)
     return _new_figure(size).subplots()
 
 
-def _panels(extents: list[tuple[float, float]], extra: float) -> tuple[Figure, list[Axes]]:
-    """Make a row of panels for models of these extents, drawn about equally large."""
-    sizes = np.array(extents) / np.hypot(*np.transpose(extents))[:, None]
-    scale = min(12.0 / sizes[:, 0].sum(), 5.6 / sizes[:, 1].max())
-    width, height = scale * sizes[:, 0].sum(), scale * sizes[:, 1].max()
-    figure = _new_figure((max(float(width) * 1.1, 5.0) + extra, max(float(height), 2.4) + 1.0))
-    axes = figure.subplots(1, len(extents), squeeze=False, width_ratios=sizes[:, 0].tolist())
-    return figure, list(axes[0])
+def _panels(outlines: list[FloatArray], extra: float) -> tuple[Figure, list[Axes]]:
+    """Make a row of equal panels, each framing its outline, all drawn about equally large."""
+    sizes = [np.ptp(outline, axis=0) for outline in outlines]
+    diagonals = [float(np.hypot(*size)) or 1.0 for size in sizes]
+    # One window for all in units of the diagonals: panels of one shape, titles at one height.
+    window = 1.06 * np.max([size / d for size, d in zip(sizes, diagonals, strict=True)], axis=0)
+    width, height = min(4.3 / window[0], 5.6 / window[1]) * window
+    figure = _new_figure((float(width) * len(outlines) + extra, float(height) + 0.9))
+    axes = list(figure.subplots(1, len(outlines), squeeze=False)[0])
+    for ax, outline, diagonal in zip(axes, outlines, diagonals, strict=True):
+        middle, half = (outline.min(axis=0) + outline.max(axis=0)) / 2, diagonal * window / 2
+        ax.set_xlim(middle[0] - half[0], middle[0] + half[0])
+        ax.set_ylim(middle[1] - half[1], middle[1] + half[1])
+    return figure, axes
 
 
 def _figure(ax: Axes) -> Figure:
     return cast("Figure", ax.figure)
-
-
-def _extent(points: FloatArray) -> tuple[float, float]:
-    width, height = np.ptp(points, axis=0)
-    return float(width), float(height)
-
-
-def _points(mp: MultiPatch) -> FloatArray:
-    return np.concatenate([p.control_points.reshape(-1, 2) for p in mp.patches])
 
 
 def _polyline(curve: BSplineCurve, per_span: int = 24) -> FloatArray:
@@ -311,8 +308,14 @@ def _polyline(curve: BSplineCurve, per_span: int = 24) -> FloatArray:
     return curve(np.unique(np.linspace(breaks[:-1], breaks[1:], per_span + 1)))
 
 
-def _loop_polylines(loops: Boundary) -> list[FloatArray]:
+def _loops(loops: Boundary) -> list[FloatArray]:
+    """Sample closed loops as polylines, the first point not repeated."""
     return [np.concatenate([_polyline(curve)[:-1] for curve in loop]) for loop in loops.loops]
+
+
+def _sides(mp: MultiPatch) -> list[FloatArray]:
+    """Sample boundary sides one by one: a model whose boundary does not close can be looked at too."""
+    return [_polyline(mp.topology.directed_side(*side).curve(mp.patches)) for side in mp.boundaries]
 
 
 def _draw_multipatch(ax: Axes, mp: MultiPatch, iso_lines: int | None) -> ScalarMappable:
@@ -329,7 +332,11 @@ def _draw_multipatch(ax: Axes, mp: MultiPatch, iso_lines: int | None) -> ScalarM
     thick: list[tuple[FloatArray, FloatArray]] = []
     for points, scaled in sample(mp, samples):
         for p, s in ((points, scaled), (points.swapaxes(0, 1), scaled.T)):
-            rows = np.arange(len(p)).reshape(-1, samples)[:, ::between].ravel()
+            # The line at a break was sampled from both spans: drawn once, in the worse colour.
+            s = s.copy()
+            s[samples - 1 : -1 : samples] = np.minimum(s[samples - 1 : -1 : samples], s[samples::samples])
+            grid = np.arange(len(p)).reshape(-1, samples)[:, ::between]
+            rows = np.append(grid[0, 0], grid[:, 1:])
             thin.append(_segments(p[rows[1:-1]], s[rows[1:-1]]))
             thick.append(_segments(p[rows[[0, -1]]], s[rows[[0, -1]]]))
     # Without viridis' yellow end, which is too pale on white: good is green, poor is dark.
@@ -349,7 +356,7 @@ def _draw_multipatch(ax: Axes, mp: MultiPatch, iso_lines: int | None) -> ScalarM
             zorder=order,
         )
         ax.add_collection(collection)
-    _draw_boundary(ax, mp.boundary(), dots=False)
+    _draw_lines(ax, _sides(mp))
     special = [v.point for v in mp.vertices if v.extraordinary]
     if special:
         ax.plot(*mp.topology.coordinates[special].T, **_EXTRAORDINARY, zorder=6)
@@ -379,27 +386,31 @@ def _segments(points: FloatArray, values: FloatArray) -> tuple[FloatArray, Float
 
 
 def _draw_boundary(
-    ax: Axes, loops: Boundary, color: str = INK, width: float = 1.6, dots: bool = True
+    ax: Axes, boundary: Boundary, color: str = INK, width: float = 1.6, dots: bool = True
 ) -> None:
+    _draw_lines(ax, [np.concatenate([line, line[:1]]) for line in _loops(boundary)], color, width)
+    if dots:
+        ends = np.array([curve.start for loop in boundary.loops for curve in loop])
+        ax.plot(*ends.T, linestyle="none", marker="o", markersize=3.2, color=color, zorder=4)
+
+
+def _draw_lines(ax: Axes, lines: list[FloatArray], color: str = INK, width: float = 1.6) -> None:
     from matplotlib.collections import LineCollection
 
-    closed = [np.concatenate([line, line[:1]]) for line in _loop_polylines(loops)]
-    ax.add_collection(LineCollection(closed, colors=color, linewidths=width, joinstyle="round", zorder=3))
-    if dots:
-        ends = np.array([curve.start for loop in loops.loops for curve in loop])
-        ax.plot(*ends.T, linestyle="none", marker="o", markersize=3.2, color=color, zorder=4)
+    ax.add_collection(
+        LineCollection(lines, colors=color, linewidths=width, capstyle="round", joinstyle="round", zorder=3)
+    )
 
 
 def _number(ax: Axes, points: FloatArray, colors: FloatArray, loops: Boundary) -> None:
     """Write the joints' numbers, from 1, outside their loops."""
-    polylines = _loop_polylines(loops)
+    polylines = _loops(loops)
     for k, (point, color) in enumerate(zip(points, colors, strict=True)):
         line = min(polylines, key=lambda line: float(np.hypot(*(line - point).T).min()))
         at = int(np.argmin(np.hypot(*(line - point).T)))
-        tangent = line[(at + 2) % len(line)] - line[at - 2]
-        normal = np.array([tangent[1], -tangent[0]])
-        if polygon_area(line) < 0:
-            normal = -normal
+        steps = np.array([line[at] - line[at - 2], line[(at + 2) % len(line)] - line[at]])
+        tangent = (steps / np.maximum(np.hypot(*steps.T), 1e-300)[:, None]).sum(axis=0)
+        normal = np.array([tangent[1], -tangent[0]]) * (1.0 if polygon_area(line) > 0 else -1.0)
         x, y = (9.0 * normal / max(float(np.hypot(*normal)), 1e-300)).tolist()
         ax.annotate(
             str(k + 1),
@@ -413,9 +424,8 @@ def _number(ax: Axes, points: FloatArray, colors: FloatArray, loops: Boundary) -
         )
 
 
-def _finish(ax: Axes, title: str | None, fill: bool = False) -> None:
-    # Panels that keep their boxes have their titles at one height.
-    ax.set_aspect("equal", adjustable="datalim" if fill else "box")
+def _finish(ax: Axes, title: str | None) -> None:
+    ax.set_aspect("equal")
     ax.autoscale_view()
     ax.set_axis_off()
     if title:

@@ -125,14 +125,20 @@ def quality(mp: MultiPatch, samples: int = 10, exclude: Iterable[tuple[int, int]
     s, c = np.concatenate(jacobian), np.concatenate(condition)
     positive = s > 0
     count = int(positive.sum())
-    mean = float(c.mean() if count == len(c) else c[positive].mean()) if count else math.inf
     return Quality(
-        Statistics(float(s.min()), float(s.mean()), float(s.max())),
-        Statistics(float(c.min()), mean, float(c.max())),
+        _statistics(s, s),
+        _statistics(c, c if count == len(c) else c[positive]),
         len(c) - count,
         len(c),
         worst[1:],
     )
+
+
+def _statistics(values: FloatArray, averaged: FloatArray) -> Statistics:
+    low, high = float(values.min()), float(values.max())
+    mean = float(averaged.mean()) if len(averaged) else math.inf
+    # The mean of equal numbers may round out of their range.
+    return Statistics(low, min(max(mean, low), high), high)
 
 
 def sample(mp: MultiPatch, samples: int = 10) -> list[tuple[FloatArray, FloatArray]]:
