@@ -1,0 +1,265 @@
+"""Quality of a parameterization: scaled Jacobian and condition number (§4, Eq. 19–21 of the paper)."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .errors import InputError
+from .multipatch import MultiPatch
+from .splines import FloatArray
+from .splines import knot_spans as breaks_of
+
+__all__ = ["Quality", "Statistics", "quality", "sample", "span_basis"]
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Minimum, mean and maximum of a quantity over samples."""
+
+    min: float
+    mean: float
+    max: float
+
+    def to_dict(self) -> dict[str, float | None]:
+        """Plain data for JSON, which has no infinity: None stands for it."""
+        return {name: finite_or_none(getattr(self, name)) for name in ("min", "mean", "max")}
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Scaled Jacobian and condition number of a multi-patch over the samples of :func:`quality`.
+
+    Attributes
+    ----------
+    scaled_jacobian : Statistics
+        det J / (|B_u| |B_v|), in [-1, 1], best 1; 0 where a tangent vanishes.
+    condition_number : Statistics
+        ‖J‖_F ‖J⁻¹‖_F, at least 2. It is infinite where det J <= 0, and then so is `max`; `mean` is over the
+        samples of positive det J (infinite if there are none), so that it stays comparable between models.
+    nonpositive : int
+        Number of samples with det J <= 0.
+    n_samples : int
+        Number of samples, without the excluded corners.
+    worst : (patch, u, v)
+        Where the scaled Jacobian is smallest.
+    """
+
+    scaled_jacobian: Statistics
+    condition_number: Statistics
+    nonpositive: int
+    n_samples: int
+    worst: tuple[int, float, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON (infinity as None)."""
+        patch, u, v = self.worst
+        return {
+            "scaled_jacobian": self.scaled_jacobian.to_dict(),
+            "condition_number": self.condition_number.to_dict(),
+            "nonpositive": self.nonpositive,
+            "n_samples": self.n_samples,
+            "worst": {"patch": patch, "u": u, "v": v},
+        }
+
+
+def quality(mp: MultiPatch, samples: int = 10, exclude: Iterable[tuple[int, int]] = ()) -> Quality:
+    """Measure scaled Jacobian and condition number of a multi-patch.
+
+    Left-handed patches count by their orientation: an injective model has a positive scaled Jacobian however
+    its patches are handed. Minimum, mean and maximum are over the samples, the mean unweighted: every span
+    counts alike, whatever its size.
+
+    Parameters
+    ----------
+    mp : MultiPatch
+        Polynomial or rational.
+    samples : int, default 10
+        Uniform parameters per knot span and direction, both ends of every span included, each seen from
+        inside its span (at a C0 knot the derivatives of both sides count). At least 2.
+    exclude : iterable of (patch, corner), optional
+        Degenerate corners to leave out, corner 0 to 3 = (0,0), (1,0), (0,1), (1,1).
+
+    Returns
+    -------
+    Quality
+
+    Raises
+    ------
+    InputError
+        When `samples` is below 2 (3 with `exclude`) or `exclude` names a corner that does not exist.
+
+    Notes
+    -----
+    Eq. 19 and 20 of the paper. With J = (B_u, B_v), ‖J‖_F ‖J⁻¹‖_F = (|B_u|² + |B_v|²) / |det J|, which is at
+    least 2 / |scaled Jacobian|. Both depend on the scaling of u against v, as in the paper.
+    """
+    excluded = _check_corners(mp, exclude)
+    if excluded and samples < 3:
+        raise InputError(f"samples = {samples}: leaving out corners needs at least 3 per knot span")
+    jacobian = []
+    condition = []
+    worst = (math.inf, 0, 0.0, 0.0)
+    for members, (u, v), (first, second), _ in _groups(mp, samples):
+        scaled, kappa = _measures(first, second, mp.topology.orientation[members])
+        for position, patch in enumerate(members):
+            for corner in excluded.get(patch, ()):
+                at = (position, -1 if corner & 1 else 0, -1 if corner & 2 else 0)
+                scaled[at] = kappa[at] = np.nan
+        if excluded:
+            keep = ~np.isnan(scaled)
+            jacobian.append(scaled[keep])
+            condition.append(kappa[keep])
+        else:
+            jacobian.append(scaled.ravel())
+            condition.append(kappa.ravel())
+        k, i, j = np.unravel_index(np.nanargmin(scaled), scaled.shape)
+        worst = min(worst, (float(scaled[k, i, j]), members[k], float(u[i]), float(v[j])))
+    s, c = np.concatenate(jacobian), np.concatenate(condition)
+    positive = s > 0
+    count = int(positive.sum())
+    return Quality(
+        _statistics(s, s),
+        _statistics(c, c if count == len(c) else c[positive]),
+        len(c) - count,
+        len(c),
+        worst[1:],
+    )
+
+
+def _statistics(values: FloatArray, averaged: FloatArray) -> Statistics:
+    low, high = float(values.min()), float(values.max())
+    mean = float(averaged.mean()) if len(averaged) else math.inf
+    # The mean of equal numbers may round out of their range.
+    return Statistics(low, min(max(mean, low), high), high)
+
+
+def sample(mp: MultiPatch, samples: int = 10) -> list[tuple[FloatArray, FloatArray]]:
+    """Points and scaled Jacobians on the sample grid of :func:`quality`, for plotting.
+
+    Returns
+    -------
+    list of (points, scaled_jacobian)
+        One pair a patch, (m_u, m_v, 2) and (m_u, m_v), with m = spans · samples.
+    """
+    out: list[tuple[FloatArray, FloatArray]] = [(np.empty(0), np.empty(0))] * len(mp.patches)
+    for members, _, (first, second), points in _groups(mp, samples):
+        scaled, _ = _measures(first, second, mp.topology.orientation[members])
+        for position, patch in enumerate(members):
+            out[patch] = np.ascontiguousarray(np.moveaxis(points[:, position], 0, 2)), scaled[position]
+    return out
+
+
+def span_basis(knots: ArrayLike, degree: int, samples: int) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    """Basis functions and their derivatives at uniform parameters of every span, one-sided at its ends.
+
+    Parameters
+    ----------
+    knots : (n + degree + 1,) array
+        Clamped knot vector.
+    degree : int
+    samples : int
+        Parameters per span, both ends included, at least 2.
+
+    Returns
+    -------
+    t : (m,) array
+        The parameters, m = spans · samples; the breaks occur twice, seen from either span.
+    basis : tuple of three (m, n) arrays
+        Values, first and second derivatives. All arrays are read-only and shared between calls.
+    """
+    if samples < 2:
+        raise InputError(f"samples = {samples}: at least 2 per knot span are needed, its two ends")
+    return _span_basis(np.ascontiguousarray(knots, dtype=np.float64).tobytes(), degree, samples)
+
+
+@lru_cache(maxsize=256)
+def _span_basis(knot_bytes: bytes, degree: int, samples: int) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    from scipy.interpolate import BSpline
+
+    knots = np.frombuffer(knot_bytes)
+    breaks = breaks_of(knots)
+    n, m = len(knots) - degree - 1, len(breaks) - 1
+    t = np.linspace(breaks[:-1], breaks[1:], samples, axis=1)
+    basis = np.zeros((3, m, samples, n))
+    for span in range(m):
+        last = int(np.searchsorted(knots, breaks[span], side="right")) - 1
+        # The 2p + 2 knots around one span hold no other span: SciPy cannot look beyond its ends.
+        local = BSpline(knots[last - degree : last + degree + 2], np.eye(degree + 1), degree)
+        for order in range(min(degree, 2) + 1):
+            basis[order, span, :, last - degree : last + 1] = local(t[span], nu=order)
+    t, out = t.ravel(), basis.reshape(3, -1, n)
+    t.flags.writeable = out.flags.writeable = False
+    return t, tuple(out)
+
+
+def finite_or_none(x: float) -> float | None:
+    """`x` for JSON, which knows neither infinity nor NaN."""
+    return x if math.isfinite(x) else None
+
+
+def _groups(mp: MultiPatch, samples: int) -> Iterable[Any]:
+    """Evaluate patches of equal degrees and knots at once.
+
+    Yields (members, (u, v), (B_u, B_v), B): patch indices, parameters, and arrays (2, k, m_u, m_v).
+    """
+    groups: dict[Any, list[int]] = defaultdict(list)
+    for k, patch in enumerate(mp.patches):
+        knots_u, knots_v = patch.knots
+        groups[knots_u.tobytes(), knots_v.tobytes(), patch.degrees, patch.weights is None].append(k)
+    for members in groups.values():
+        patches = [mp.patches[k] for k in members]
+        model = patches[0]
+        (u, (value_u, slope_u, _)), (v, (value_v, slope_v, _)) = (
+            span_basis(t, p, samples) for t, p in zip(model.knots, model.degrees, strict=True)
+        )
+        c = np.array([p.control_points for p in patches])
+        if model.weights is not None:
+            w = np.array([p.weights for p in patches])[..., None]
+            c = np.concatenate([c * w, w], axis=3)
+        c = np.ascontiguousarray(c.transpose(1, 3, 0, 2))
+        shape = (len(u), c.shape[1], len(members), len(v))
+        valued, sloped = (along @ c.reshape(c.shape[0], -1) for along in (value_u, slope_u))
+
+        def across(rows: FloatArray, basis: FloatArray, shape: tuple[int, ...] = shape) -> FloatArray:
+            # One product for all patches and coordinates, then component first.
+            return (rows.reshape(-1, basis.shape[1]) @ basis.T).reshape(shape).transpose(1, 2, 0, 3)
+
+        point, first, second = across(valued, value_v), across(sloped, value_v), across(valued, slope_v)
+        if model.weights is not None:
+            point, weight = point[:2] / point[2], point[2]
+            first, second = ((d[:2] - d[2] * point) / weight for d in (first, second))
+        yield members, (u, v), (first, second), point
+
+
+def _measures(first: FloatArray, second: FloatArray, sign: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Scaled Jacobian and condition number of B_u, B_v (2, k, ...) with orientation signs (k,)."""
+    length_u, length_v = np.hypot(*first), np.hypot(*second)
+    # Ratios of lengths instead of products: nothing over- or underflows, whatever the units.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        (a, b), (c, d) = first / length_u, second / length_v
+        scaled = (a * d - b * c) * sign[:, None, None]
+        np.nan_to_num(scaled, copy=False, nan=0.0)
+        np.clip(scaled, -1.0, 1.0, out=scaled)
+        ratio = length_u / length_v
+        kappa = np.where(scaled > 0, (ratio + 1 / ratio) / scaled, np.inf)
+    return scaled, kappa
+
+
+def _check_corners(mp: MultiPatch, exclude: Iterable[tuple[int, int]]) -> dict[int, list[int]]:
+    corners: dict[int, list[int]] = defaultdict(list)
+    for patch, corner in exclude:
+        if not (0 <= patch < len(mp.patches) and 0 <= corner < 4):
+            raise InputError(
+                f"corner {corner} of patch {patch} to exclude does not exist; patches are 0 to "
+                f"{len(mp.patches) - 1}, corners 0 to 3"
+            )
+        corners[int(patch)].append(int(corner))
+    return corners
