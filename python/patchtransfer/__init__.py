@@ -12,7 +12,9 @@ from .errors import InfeasibleTargetError, InputError, NotCertifiedError, Transf
 from .io import read, read_boundary, read_landmarks, write
 from .multipatch import Boundary, Interface, MultiPatch, Side
 from .quality import Quality, quality
+from .result import TransferResult
 from .splines import BSplineCurve, Patch
+from .transfer import TransferPlan, transfer
 
 __all__ = [
     "BSplineCurve",
@@ -28,15 +30,18 @@ __all__ = [
     "Quality",
     "Side",
     "TransferError",
+    "TransferPlan",
+    "TransferResult",
     "__version__",
-    "read",
-    "read_boundary",
-    "read_landmarks",
-    "write",
     "certify",
     "check_continuity",
     "plot",
     "quality",
+    "read",
+    "read_boundary",
+    "read_landmarks",
+    "transfer",
+    "write",
 ]
 
 

@@ -1,4 +1,4 @@
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,3 +50,28 @@ class LocalGlobal:
     ) -> tuple[FloatArray, list[int], list[float]]: ...
     def singular_values(self, u: FloatArray) -> FloatArray: ...
     def flips(self, u: FloatArray) -> int: ...
+
+def set_threads(n: int) -> None: ...
+
+class SplineOptimizer:
+    def __init__(
+        self,
+        reference: list[tuple[FloatArray, FloatArray, int, int, FloatArray, FloatArray | None]],
+        indices: list[NDArray[np.int64]],
+        n_points: int,
+        free: list[int],
+        nodes_per_degree: int = 2,
+        extra: list[tuple[int, float, float]] = ...,
+        excluded: list[tuple[int, int]] = ...,
+        z: tuple[NDArray[np.int64], NDArray[np.int64], FloatArray, int] | None = None,
+    ) -> None: ...
+    def harmonic(self, points: FloatArray) -> FloatArray: ...
+    def determinants(self, points: FloatArray) -> tuple[float, float]: ...
+    def minimise(
+        self,
+        points: FloatArray,
+        lambda_: float = 0.3,
+        max_steps: int = 200,
+        tolerance: float = 1e-8,
+        callback: Callable[[int, float, float], None] | None = None,
+    ) -> tuple[FloatArray, float, float, FloatArray, str]: ...

@@ -108,11 +108,13 @@ def main() -> None:
 @click.option("-o", "--output", required=True, metavar="OUT.xml", help="Transferred multi-patch (G+Smo XML).")
 @click.option("--landmarks", metavar="L.csv", help="Corresponding boundary points, columns xs,ys,xt,yt.")
 @click.option(
-    "--continuity", type=click.Choice(["c0", "c1", "g1"]), default="c0", show_default=True, help="Across patches."
+    "--continuity",
+    type=click.Choice(["c0", "c1", "g1"]),
+    default="c0",
+    show_default=True,
+    help="Across patches.",
 )
-@click.option(
-    "--method", type=click.Choice(["certified", "paper"]), default="certified", show_default=True
-)
+@click.option("--method", type=click.Choice(["certified", "paper"]), default="certified", show_default=True)
 @click.option(
     "--refine",
     type=click.Choice(["never", "auto"]),
@@ -120,13 +122,17 @@ def main() -> None:
     show_default=True,
     help="Allow one uniform refinement of the source.",
 )
-@click.option("--fit-tolerance", type=float, default=1e-3, show_default=True, metavar="X", help="Boundary error.")
+@click.option(
+    "--fit-tolerance", type=float, default=1e-3, show_default=True, metavar="X", help="Boundary error."
+)
 @click.option("--fixed-correspondence", is_flag=True, help="Keep the joints where registration puts them.")
 @click.option("--keep-uncertified", is_flag=True, help="Write the best map even without a certificate.")
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
 @click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
 @_json
-@click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads of the core (default: all).")
+@click.option(
+    "--threads", type=click.IntRange(min=1), metavar="N", help="Threads of the core (default: all)."
+)
 def transfer(
     source: str,
     target: str,
@@ -211,7 +217,9 @@ def check(file: str, json_path: str | None) -> None:
         content = {
             "topology": _topology(model),
             "certificate": certificate.to_dict(),
-            "quality": quality(model, exclude=[(k, c) for (k, _), c in zip(degenerate, corners, strict=True)]).to_dict(),
+            "quality": quality(
+                model, exclude=[(k, c) for (k, _), c in zip(degenerate, corners, strict=True)]
+            ).to_dict(),
             "continuity": check_continuity(model).to_dict(),
             "error": None,
         }
@@ -261,7 +269,11 @@ def _summary(content: dict[str, Any], output: str | None) -> None:
     """Certificate, metrics, errors and times as a table."""
     table = Table(show_header=False, box=None, pad_edge=False)
     certificate, metrics = content["certificate"], content["quality"]
-    bound = f", det J ≥ {certificate['lower_bound']:.3g} of its mean" if certificate["status"] == "certified" else ""
+    bound = (
+        f", det J ≥ {certificate['lower_bound']:.3g} of its mean"
+        if certificate["status"] == "certified"
+        else ""
+    )
     colour = "green" if certificate["injective"] else "red"
     table.add_row("certificate", f"[bold {colour}]{certificate['status']}[/]{bound}")
     for name in ("scaled_jacobian", "condition_number"):
@@ -303,7 +315,9 @@ def _progress() -> Iterator[Callable[[str, int, float, float], None] | None]:
     with console.status("transferring") as status:
 
         def show(stage: str, step: int, energy: float, determinant: float) -> None:
-            status.update(f"{stage}: step {step}, energy {energy:.4g}, smallest determinant {determinant:.3g}")
+            status.update(
+                f"{stage}: step {step}, energy {energy:.4g}, smallest determinant {determinant:.3g}"
+            )
 
         yield show
 

@@ -12,7 +12,6 @@ Paper §3.2, Eq. 2–6: least squares with both ends interpolated. The paper tak
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -104,9 +103,15 @@ def fit_boundary(
     for group in groups.values():
         group.prepare()
     smooth = [abs(loop.target.turn(loop.joints[:-1])) < SMOOTH for loop in registration.loops]
-    joints = [] if uniform else [
-        _Joint(sides[k][j - 1], sides[k][j]) for k, flags in enumerate(smooth) for j in np.flatnonzero(flags)
-    ]
+    joints = (
+        []
+        if uniform
+        else [
+            _Joint(sides[k][j - 1], sides[k][j])
+            for k, flags in enumerate(smooth)
+            for j in np.flatnonzero(flags)
+        ]
+    )
     if not uniform:
         _iterate(list(groups.values()), joints, 0.1 * tolerance * diameter)
     loops, warnings = [], []
@@ -218,7 +223,9 @@ class _Group:
         """Normal matrix (g, 2m, 2m) and right-hand side (g, 2m) in the local axes."""
         g, m = self.axes.shape[:2]
         normal = np.einsum("gica,gijab,gjdb->gicjd", self.axes, self.normal, self.axes, optimize=True)
-        return normal.reshape(g, 2 * m, 2 * m), np.einsum("gica,gia->gic", self.axes, self.right).reshape(g, 2 * m)
+        return normal.reshape(g, 2 * m, 2 * m), np.einsum("gica,gia->gic", self.axes, self.right).reshape(
+            g, 2 * m
+        )
 
     @property
     def _across_index(self) -> list[int]:
@@ -254,7 +261,9 @@ class _Group:
         fixed = np.zeros((g, 2 * m), bool)
         value = np.zeros((g, 2 * m))
         fixed[:, self._across_index] |= self.on_line
-        value[:, self._across_index] = np.where(self.on_line, (self.axes[:, [0, -1], 1] * self.ends).sum(axis=2), 0)
+        value[:, self._across_index] = np.where(
+            self.on_line, (self.axes[:, [0, -1], 1] * self.ends).sum(axis=2), 0
+        )
         x = _constrained(a, b, fixed, value)
         along = [0, 2 * m - 2]
         base = (self.axes[:, [0, -1], 0] * self.ends).sum(axis=2)
@@ -348,7 +357,10 @@ def _align(joint: _Joint) -> bool:
     if group_a.axes.shape[1] < 2 or group_b.axes.shape[1] < 2:
         return False
     # Turning a leg by an angle moves its control point by length * angle: weigh by the squared length.
-    legs = group_a.ends[row_a, 1] - group_a.control[row_a, -2], group_b.control[row_b, 1] - group_b.ends[row_b, 0]
+    legs = (
+        group_a.ends[row_a, 1] - group_a.control[row_a, -2],
+        group_b.control[row_b, 1] - group_b.ends[row_b, 0],
+    )
     mean = sum(np.linalg.norm(leg) * leg for leg in legs)
     size = float(np.linalg.norm(mean))
     if size == 0.0:
@@ -375,7 +387,10 @@ def _turn(groups: Sequence[_Group], joints: Sequence[_Joint]) -> None:
         stiffness, gradient = group.turning()
         share = (0.1 + group.error / max(worst, 1e-300)) ** 2
         ends = np.array(
-            [[index.get((id(group), row, 0), -1), index.get((id(group), row, 1), -1)] for row in range(len(group.rows))]
+            [
+                [index.get((id(group), row, 0), -1), index.get((id(group), row, 1), -1)]
+                for row in range(len(group.rows))
+            ]
         )
         for a in range(2):
             rows = np.flatnonzero(ends[:, a] >= 0)
@@ -384,7 +399,9 @@ def _turn(groups: Sequence[_Group], joints: Sequence[_Joint]) -> None:
                 rows = np.flatnonzero((ends[:, a] >= 0) & (ends[:, b] >= 0))
                 np.add.at(matrix, (ends[rows, a], ends[rows, b]), share[rows] * stiffness[rows, a, b])
     matrix[np.diag_indices(len(joints))] += 1e-9 * np.trace(matrix) / len(joints) + 1e-300
-    for joint, angle in zip(joints, np.clip(np.linalg.solve(matrix, right), -MAX_TURN, MAX_TURN), strict=True):
+    for joint, angle in zip(
+        joints, np.clip(np.linalg.solve(matrix, right), -MAX_TURN, MAX_TURN), strict=True
+    ):
         tau, nu = joint.after[0].axes[joint.after[1], 0]
         turned = np.cos(angle) * tau + np.sin(angle) * nu
         _set_axis(joint, turned / np.linalg.norm(turned))

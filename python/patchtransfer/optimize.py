@@ -203,7 +203,8 @@ def optimize_with_ladder(
         found, certificate = _known(best)
         if found.min_determinant <= 0:
             break
-        new = [node for node in certificate.worst_points() if node not in extra]
+        nodes = [(cell.patch, *cell.point) for cell in certificate.cells if cell.kind != "degenerate"]
+        new = [node for node in nodes if node not in extra]
         if not new:
             break
         extra += new

@@ -49,7 +49,9 @@ class Outline:
         m = len(self._pieces)
         self._n = n = max(4, min(16, TABLE // m))
         nodes = (np.arange(n)[:, None] / n + (t + 1) / (2 * n)).ravel()
-        speed = np.linalg.norm(self._derivative(np.repeat(np.arange(m), len(nodes)), np.tile(nodes, m)), axis=1)
+        speed = np.linalg.norm(
+            self._derivative(np.repeat(np.arange(m), len(nodes)), np.tile(nodes, m)), axis=1
+        )
         steps = speed.reshape(m, n, 3) @ (w / (2 * n))
         self._table = np.concatenate([[0.0], np.cumsum(steps)])
         self.length = float(self._table[-1])

@@ -80,7 +80,9 @@ class Registration:
         return [
             pair
             for loop in self.loops
-            for pair in zip(loop.source.point(loop.source.joints[:-1]), loop.target.point(loop.joints[:-1]), strict=True)
+            for pair in zip(
+                loop.source.point(loop.source.joints[:-1]), loop.target.point(loop.joints[:-1]), strict=True
+            )
         ]
 
     @property
@@ -217,9 +219,11 @@ def _pair_loops(source: list[Outline], target: list[Outline], placed: NDArray[np
     free_target = [t for t in range(len(target)) if t not in partner.values()]
     if free_source:
         # Holes keep their place relative to the outer loop: compare after a similarity from the outer loops.
-        anchors = _anchors_from_landmarks(placed[placed["source_loop"] == 0], source[0], target[0], 0) if (
-            len(placed) and (placed["source_loop"] == 0).any()
-        ) else _anchors_from_shape(source[0], target[0], None)[0]
+        anchors = (
+            _anchors_from_landmarks(placed[placed["source_loop"] == 0], source[0], target[0], 0)
+            if (len(placed) and (placed["source_loop"] == 0).any())
+            else _anchors_from_shape(source[0], target[0], None)[0]
+        )
         predict = _predictor(LoopRegistration(source[0], target[0], anchors, 1.0))
         a = np.array([predict(source[k].polygon(64)).mean(axis=0) for k in free_source])
         b = np.array([target[t].polygon(64).mean(axis=0) for t in free_target])
@@ -228,7 +232,9 @@ def _pair_loops(source: list[Outline], target: list[Outline], placed: NDArray[np
     return [partner[k] for k in range(len(source))]
 
 
-def _anchors_from_landmarks(placed: NDArray[np.void], source: Outline, target: Outline, loop: int) -> FloatArray:
+def _anchors_from_landmarks(
+    placed: NDArray[np.void], source: Outline, target: Outline, loop: int
+) -> FloatArray:
     """Sorted landmark positions on a loop, a full turn; `InputError` when their order is reversed or crossing."""
     placed = placed[np.argsort(placed["s"], kind="stable")]
     s, t, row = placed["s"], placed["t"], placed["row"] + 1
@@ -313,7 +319,9 @@ def _match_corners(source: Outline, target: Outline, start: float) -> FloatArray
     nearest = distance.argmin(axis=1)
     mutual = distance.argmin(axis=0)[nearest] == np.arange(len(s))
     keep = mutual & (distance[np.arange(len(s)), nearest] < CORNER_MATCH)
-    pairs = np.column_stack([s[keep], (s / source.length - difference[np.arange(len(s)), nearest])[keep] * target.length])
+    pairs = np.column_stack(
+        [s[keep], (s / source.length - difference[np.arange(len(s)), nearest])[keep] * target.length]
+    )
     if len(pairs) == 0 or (np.diff(np.append(pairs[:, 1], pairs[0, 1] + target.length)) <= 0).any():
         return np.empty((0, 2))
     pairs[:, 1] += start

@@ -17,7 +17,15 @@ from scipy.interpolate import BSpline, NdBSpline
 from . import _core
 from .errors import InputError
 
-__all__ = ["BSplineCurve", "FloatArray", "Patch", "collocation_matrix", "elevate", "insert_knots", "knot_spans"]
+__all__ = [
+    "BSplineCurve",
+    "FloatArray",
+    "Patch",
+    "collocation_matrix",
+    "elevate",
+    "insert_knots",
+    "knot_spans",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -48,7 +56,9 @@ def check_knots(knots: FloatArray, degree: int, count: int, what: str) -> None:
     if (np.diff(knots) < 0).any():
         raise InputError(f"{what}: knot vector decreases at knot {int(np.argmax(np.diff(knots) < 0)) + 1}")
     if knots[degree] != knots[0] or knots[-degree - 1] != knots[-1]:
-        raise InputError(f"{what}: knot vector is not clamped (end knots must be repeated {degree + 1} times)")
+        raise InputError(
+            f"{what}: knot vector is not clamped (end knots must be repeated {degree + 1} times)"
+        )
     if knots[0] == knots[-1]:
         raise InputError(f"{what}: knot vector spans nothing")
     _, multiplicity = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
@@ -219,9 +229,7 @@ class BSplineCurve:
     def reversed(self) -> BSplineCurve:
         """The same curve traversed backwards on the same domain."""
         weights = None if self.weights is None else self.weights[::-1]
-        return BSplineCurve(
-            reverse_knots(self.knots), self.degree, self.control_points[::-1], weights
-        )
+        return BSplineCurve(reverse_knots(self.knots), self.degree, self.control_points[::-1], weights)
 
     def insert_knots(self, new: ArrayLike) -> BSplineCurve:
         """The same curve with the knots `new` added."""
@@ -316,7 +324,9 @@ class Patch:
         set_ = object.__setattr__
         if len(knots) != 2 or len(degrees) != 2:
             raise InputError("a patch has two knot vectors and two degrees")
-        set_(self, "knots", (frozen_array(knots[0], "patch knots u"), frozen_array(knots[1], "patch knots v")))
+        set_(
+            self, "knots", (frozen_array(knots[0], "patch knots u"), frozen_array(knots[1], "patch knots v"))
+        )
         set_(self, "degrees", (int(degrees[0]), int(degrees[1])))
         set_(self, "control_points", frozen_array(control_points, "patch control points"))
         points = self.control_points
@@ -419,4 +429,7 @@ def _same(a: Any, b: Any, names: tuple[str, ...]) -> bool:
         for x, y in zip(flat(getattr(a, name)), flat(getattr(b, name)), strict=True):
             if (x is None) != (y is None) or (x is not None and not np.array_equal(x, y)):
                 return False
-    return bool(a.__dict__.get("degree", a.__dict__.get("degrees")) == b.__dict__.get("degree", b.__dict__.get("degrees")))
+    return bool(
+        a.__dict__.get("degree", a.__dict__.get("degrees"))
+        == b.__dict__.get("degree", b.__dict__.get("degrees"))
+    )

@@ -48,7 +48,9 @@ class BoundarySide:
         patch = patches[self.patch]
         axis = self.side.axis
         weights = None if patch.weights is None else self.side.of(patch.weights)
-        curve = BSplineCurve(patch.knots[axis], patch.degrees[axis], self.side.of(patch.control_points), weights)
+        curve = BSplineCurve(
+            patch.knots[axis], patch.degrees[axis], self.side.of(patch.control_points), weights
+        )
         return curve.reversed() if self.reversed else curve
 
     def points(self, array: IntArray) -> IntArray:
@@ -94,7 +96,9 @@ def infer_interfaces(patches: Sequence[Patch], tolerance: float | None = None) -
         In the order of the patches.
     """
     corners = np.concatenate([p.control_points.reshape(-1, 2) for p in patches])
-    tolerance = COINCIDENCE * float(np.linalg.norm(np.ptp(corners, axis=0))) if tolerance is None else tolerance
+    tolerance = (
+        COINCIDENCE * float(np.linalg.norm(np.ptp(corners, axis=0))) if tolerance is None else tolerance
+    )
     middles, sides = [], []
     for k, patch in enumerate(patches):
         for side in Side:
@@ -128,7 +132,9 @@ def check_interfaces(patches: Sequence[Patch], interfaces: Sequence[Interface]) 
     tolerance = COINCIDENCE * float(np.linalg.norm(np.ptp(points, axis=0)))
     used: set[tuple[int, Side]] = set()
     for f in interfaces:
-        name = f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
+        name = (
+            f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
+        )
         for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b)):
             if not 0 <= k < len(patches):
                 raise InputError(f"{name}: there is no patch {k}")
@@ -176,7 +182,9 @@ class Topology:
         self.interfaces = multipatch.interfaces
         self.points, self.n_points = self._identify()
         self.orientation = np.array([1 if signed_area(p) >= 0 else -1 for p in self.patches])
-        glued = {(f.patch_a, f.side_a) for f in self.interfaces} | {(f.patch_b, f.side_b) for f in self.interfaces}
+        glued = {(f.patch_a, f.side_a) for f in self.interfaces} | {
+            (f.patch_b, f.side_b) for f in self.interfaces
+        }
         self.boundaries = tuple((k, s) for k in range(len(self.patches)) for s in Side if (k, s) not in glued)
 
     def _identify(self) -> tuple[list[IntArray], int]:
@@ -233,7 +241,9 @@ class Topology:
         a = [f.patch_a for f in self.interfaces]
         b = [f.patch_b for f in self.interfaces]
         n = len(self.patches)
-        return int(connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[0])
+        return int(
+            connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[0]
+        )
 
     def directed_side(self, patch: int, side: Side) -> BoundarySide:
         """A side with the interior of its patch on the left."""
@@ -353,4 +363,6 @@ def _area_form(knot_bytes: bytes, degree: int) -> FloatArray:
     t, w = np.polynomial.legendre.leggauss(degree)
     half = np.diff(breaks)[:, None] / 2
     nodes, weights = (breaks[:-1, None] + half * (t + 1)).ravel(), (half * w).ravel()
-    return np.asarray((collocation_matrix(knots, degree, nodes).T * weights) @ collocation_matrix(knots, degree, nodes, 1))
+    return np.asarray(
+        (collocation_matrix(knots, degree, nodes).T * weights) @ collocation_matrix(knots, degree, nodes, 1)
+    )

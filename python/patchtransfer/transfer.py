@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 
@@ -19,16 +19,17 @@ from .background_mesh import source_mesh
 from .bounded_distortion import remove_foldovers
 from .certificate import Certificate, certify
 from .continuity import check_continuity
-from .errors import InputError, NotCertifiedError, TransferError
-from .feasibility import check_corners, check_loops
-from .fitting import FittedBoundary, fit_boundary
+from .errors import InfeasibleTargetError, InputError, NotCertifiedError
+from .feasibility import check_corners, check_loops, check_target_corners
+from .fitting import SMOOTH, FittedBoundary, fit_boundary
 from .harmonic import mesh_harmonic_map
 from .multipatch import Boundary, MultiPatch
 from .optimize import Progress, SplineOptimizer, degenerate_corners, optimize_with_ladder
 from .quality import quality
-from .registration import Registration, register
+from .registration import register
 from .result import TransferResult
 from .splines import FloatArray
+from .topology import CORNERS
 
 __all__ = ["TransferPlan", "transfer"]
 
@@ -168,14 +169,12 @@ class TransferPlan:
                 raise InputError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
         if not 0 < fit_tolerance < 1:
             raise InputError(f"fit_tolerance must lie between 0 and 1, got {fit_tolerance!r}")
-        result = self._attempt(target, landmarks, method, progress, fit_tolerance, refinable=refine == "auto")
-        if refine == "auto" and (result is None or not result.certificate.injective):
+        result = self._attempt(target, landmarks, method, progress, fit_tolerance)
+        if refine == "auto" and (result.boundary_error > fit_tolerance or not result.certificate.injective):
             finer = TransferPlan(refine_uniformly(self._welded), self.continuity)
-            result = finer._attempt(target, landmarks, method, progress, fit_tolerance, refinable=False)
-            if result is not None:
-                result = result.with_warning("the source was refined uniformly: one knot in every span of every patch")
-        if result is None:
-            raise TransferError("no attempt was made")
+            result = finer._attempt(target, landmarks, method, progress, fit_tolerance).with_warning(
+                "the source was refined uniformly: one knot in every span of every patch"
+            )
         if on_failure == "raise" and not result.certificate.injective:
             raise NotCertifiedError(
                 f"no certified map was found ({result.certificate.status}): "
@@ -208,23 +207,27 @@ class TransferPlan:
         method: str,
         progress: Progress | None,
         fit_tolerance: float,
-        refinable: bool,
-    ) -> TransferResult | None:
-        """One pass through the pipeline; None when a refinement is allowed and the fit asks for it."""
+    ) -> TransferResult:
+        """One pass through the pipeline."""
         clock = _Clock()
         paper = method == "paper"
         topology = self.source.topology
         with clock("registration"):
             registration = register(self._loops, target, landmarks, marked_curves=paper)
         with clock("feasibility"):
-            warnings = [*registration.warnings, *check_loops([loop.target.curves for loop in registration.loops], "target")]
-            check_corners(*_target_corners(registration, self._single), "target")
+            warnings = [*registration.warnings]
+            warnings += check_loops([loop.target.curves for loop in registration.loops], "target boundary")
+            images = [loop.joints[:-1] for loop in registration.loops]
+            check_target_corners(
+                [loop.target.point(s) for loop, s in zip(registration.loops, images, strict=True)],
+                [loop.target.turn(s) for loop, s in zip(registration.loops, images, strict=True)],
+                self._single,
+                SMOOTH,
+            )
         with clock("fitting"):
             fitted = fit_boundary(
                 registration, parameters="uniform" if paper else "speed", tolerance=fit_tolerance
             )
-            if refinable and fitted.error > fit_tolerance:
-                return None
             warnings += fitted.warnings
         with clock("feasibility"):
             corner_bound, degenerate = self._check_fit(fitted)
@@ -256,8 +259,30 @@ class TransferPlan:
         )
 
     def _check_fit(self, fitted: FittedBoundary) -> tuple[float, list[tuple[int, int]]]:
-        """Loops and corners of the fit; upper bound of the scaled Jacobian and the degenerate corners."""
-        raise NotImplementedError
+        """Loops and corners of the fit: upper bound of the scaled Jacobian and the degenerate corners.
+
+        The target passed these checks, so a failure is the fit's: the source's knots are too coarse for it.
+        """
+        curves = [[side.curve for side in sides] for sides in fitted.loops]
+        try:
+            check_loops(curves, "fitted boundary")
+            corners = check_corners(curves, self._single, "fitted boundary")
+        except InfeasibleTargetError as error:
+            raise InfeasibleTargetError(
+                f"the target is feasible, but the source's knots cannot represent it (fit error {fitted.error:.1e} of "
+                f"the diameter): {error}; try refine='auto'"
+            ) from None
+        degenerate = [
+            self._corner_of(corner.loop, corner.joint) for corner in corners if corner.kind == "degenerate"
+        ]
+        return min((corner.bound for corner in corners), default=1.0), degenerate
+
+    def _corner_of(self, loop: int, joint: int) -> tuple[int, int]:
+        """(patch, corner) that a joint filled by a single patch belongs to."""
+        side = self.source.topology.loops[loop][joint]
+        points = self.source.topology.points[side.patch]
+        start = side.points(points)[0]
+        return side.patch, next(c for c, (i, j) in enumerate(CORNERS) if points[i, j] == start)
 
     def _with_boundary(self, fitted: FittedBoundary) -> FloatArray:
         """Shared control points with the fitted boundary and the source's interior."""
@@ -362,10 +387,3 @@ def refine_uniformly(source: MultiPatch) -> MultiPatch:
             patch = patch.insert_knots(axis, (breaks[:-1] + breaks[1:]) / 2)
         patches.append(patch)
     return MultiPatch(patches, source.interfaces, source.ids)
-
-
-def _target_corners(registration: Registration, single: Sequence[Sequence[bool]]):  # type: ignore[no-untyped-def]
-    raise NotImplementedError
-
-
-_ = Callable

@@ -2,16 +2,16 @@
 //!
 //! One file per published method or data structure; `rust/py` only converts.
 
-pub mod barrier;
-pub mod elements;
-pub mod optimizer;
-pub mod quadrature;
 mod arcs;
+pub mod barrier;
 pub mod bernstein;
+pub mod elements;
 pub mod injectivity;
-pub mod simple_loops;
 pub mod laplacian;
 pub mod local_global;
+pub mod optimizer;
+pub mod quadrature;
+pub mod simple_loops;
 pub mod sparse;
 pub mod spline;
 pub mod ssvd;
