@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import stat
+from contextlib import suppress
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import patchtransfer as pt
 from patchtransfer import InputError, MultiPatch, Patch
+from patchtransfer.io import gismo, points, svg
 
 SQUARE = MultiPatch([Patch(([0, 0, 1, 1], [0, 0, 1, 1]), (1, 1), [[[0, 0], [0, 1]], [[1, 0], [1, 1]]])])
 SVG = '<?xml version="1.0"?><!-- <xml> --><svg xmlns="http://www.w3.org/2000/svg"><path d="M0 0h1v1z"/></svg>'
@@ -102,3 +106,53 @@ def test_a_failure_at_any_step_keeps_the_old_file(tmp_path, monkeypatch, step):
     monkeypatch.undo()
     assert os.listdir(tmp_path) == ["a.xml"]
     assert path.read_text() == "old"
+
+
+SEEDS = [
+    (gismo.read_multipatch, gismo.format_multipatch(SQUARE)),
+    (gismo.read_boundary, gismo.format_boundary(SQUARE.boundary())),
+    (
+        svg.read_boundary,
+        SVG.replace("h1v1z", "h3 A2 1 30 0 1 2 5 Q1 1 0 1z").replace(
+            "<path", '<g/><path transform="scale(2)"'
+        ),
+    ),
+    (points.read_boundary, "x,y\n0,0\n1,0\n1,1\n\n3,3\n4,3\n4.5,4\n3,5\n"),
+    (points.read_landmarks, "xs,ys,xt,yt\n1,2,3,4\n5,6,7,8\n"),
+]
+SNIPPETS = st.sampled_from(
+    [
+        "",
+        "-1",
+        "0",
+        "1e308",
+        "-1e-320",
+        "nan",
+        "inf",
+        "/",
+        "<",
+        ">",
+        '"',
+        "&",
+        "\n",
+        "\0",
+        "A",
+        "Z",
+        "1 1",
+        ",",
+    ]
+)
+
+
+@settings(max_examples=500, deadline=None)
+@given(
+    st.sampled_from(SEEDS),
+    st.lists(st.tuples(st.floats(0, 1), st.integers(0, 12), SNIPPETS), min_size=1, max_size=3),
+)
+def test_mangled_files_are_read_or_refused_never_worse(seed, edits):
+    reader, text = seed
+    for place, cut, snippet in edits:
+        i = int(place * len(text))
+        text = text[:i] + snippet + text[i + cut :]
+    with suppress(InputError):
+        reader(text.encode())

@@ -81,7 +81,7 @@ def test_a_finely_sampled_half_disc_has_two_corners(fine):
 
 def test_a_corner_cut_over_several_points_is_one_corner():
     square = polygon([(0, 0), (1, 0), (1, 1), (0, 1)], 300)
-    # An arc of a fifth of the window's width, as coarse as the rest of the outline, replaces the corner at 0.
+    # An arc of half the window's length as radius, sampled like the rest, replaces the corner at the origin.
     t = np.pi / 2 * np.linspace(0, 1, 5)
     cut = 0.01 * (1 - np.column_stack([np.cos(t), np.sin(t)]))
     kept = square[(np.abs(square) > 0.0101).any(axis=1)]

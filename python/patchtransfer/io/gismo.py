@@ -74,11 +74,12 @@ def _numbers(element: Element, where: str) -> FloatArray:
         if flag not in BINARY:
             raise InputError(f"{where}: unknown number format {flag!r} of <{element.tag}>; write it as ASCII")
         try:
-            return np.frombuffer(base64.b64decode(text, validate=False), BINARY[flag]).astype(np.float64)
+            values = np.frombuffer(base64.b64decode(text), BINARY[flag]).astype(np.float64)
         except (ValueError, binascii.Error) as error:
             raise InputError(
                 f"{where}: <{element.tag}> is not valid base64 ({error}); write it again"
             ) from None
+        return _bounded(values, element, where)
     tokens = text.split()
     for convert in (float, _number) if "_" not in text else (_number,):
         try:
@@ -89,9 +90,15 @@ def _numbers(element: Element, where: str) -> FloatArray:
     else:
         bad = next(t for t in tokens if not _is_number(t))
         raise InputError(f"{where}: {bad[:30]!r} in <{element.tag}> is not a number; correct it")
-    if not np.isfinite(values).all():
-        bad = tokens[int(np.argmin(np.isfinite(values)))]
-        raise InputError(f"{where}: {bad[:30]!r} in <{element.tag}> is not a finite number; correct it")
+    return _bounded(values, element, where)
+
+
+def _bounded(values: FloatArray, element: Element, where: str) -> FloatArray:
+    """Return the values if their squares do not overflow; the comparison also refuses NaN."""
+    good = np.abs(values) <= 1e150
+    if not good.all():
+        bad = f"number {int(np.argmin(good)) + 1} ({values[np.argmin(good)]:g})"
+        raise InputError(f"{where}: {bad} in <{element.tag}> is NaN, infinite or above 1e150; correct it")
     return values
 
 

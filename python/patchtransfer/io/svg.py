@@ -46,9 +46,10 @@ def read_boundary(data: bytes) -> Boundary:
     for number, (shape, matrix) in enumerate(_shapes(root, np.eye(3)), 1):
         name = f"<{local_name(shape)}> {shape.get('id') or 'number ' + str(number)}"
         for k, segments in enumerate(_segments(shape, name)):
-            if not all((np.abs(c) <= 1e150).all() for _, _, c in segments):
-                raise InputError(f"{name}: NaN, infinity or a number above 1e150; correct it")
             placed = [(knots, p, _place(c, matrix)) for knots, p, c in segments]
+            # Squares must not overflow; the comparison also refuses NaN.
+            if not all((np.abs(c) <= 1e150).all() for _, _, c in placed):
+                raise InputError(f"{name}: NaN, infinity or a number above 1e150; correct it")
             subpaths.append((name if k == 0 else f"{name}, subpath {k + 1}", placed))
     points = [c for _, segments in subpaths for _, _, c in segments]
     if not points:
@@ -80,10 +81,12 @@ def _shapes(parent: Element, matrix: FloatArray) -> Iterator[tuple[Element, Floa
                 own = np.asarray(parse_transform(child.get("transform")))
             except (ValueError, TypeError, IndexError, Warning) as error:
                 raise InputError(f"{name}: cannot read its transform ({error}); correct it") from None
+        with np.errstate(over="ignore", invalid="ignore"):
+            placed = matrix @ own
         if kind in CONTAINERS:
-            yield from _shapes(child, matrix @ own)
+            yield from _shapes(child, placed)
         else:
-            yield child, matrix @ own
+            yield child, placed
 
 
 def _segments(shape: Element, name: str) -> list[list[Segment]]:
@@ -92,18 +95,11 @@ def _segments(shape: Element, name: str) -> list[list[Segment]]:
     from svgpathtools.parser import parse_path
 
     try:
-        path = parse_path(CONVERSIONS[local_name(shape)](shape))
-        runs = path.continuous_subpaths() if len(path) else []
-        return [[_segment(s) for s in run if s.start != s.end or len(s.bpoints()) > 2] for run in runs]
-    except (
-        ValueError,
-        TypeError,
-        IndexError,
-        KeyError,
-        AssertionError,
-        ZeroDivisionError,
-        AttributeError,
-    ) as error:
+        with np.errstate(divide="raise", over="raise", invalid="raise"):
+            path = parse_path(CONVERSIONS[local_name(shape)](shape))
+            runs = path.continuous_subpaths() if len(path) else []
+            return [[_segment(s) for s in run if s.start != s.end or len(s.bpoints()) > 2] for run in runs]
+    except (ValueError, TypeError, LookupError, ArithmeticError, AssertionError, AttributeError) as error:
         what = " ".join(str(error).split())[:80] or type(error).__name__
         raise InputError(f"{name}: cannot read its geometry ({what}); correct it") from None
 
@@ -135,7 +131,9 @@ def _arc(arc: Any) -> Segment:
 
 
 def _place(points: FloatArray, matrix: FloatArray) -> FloatArray:
-    moved = points @ matrix[:2, :2].T + matrix[:2, 2]
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = points @ matrix[:2, :2].T + matrix[:2, 2]
+    # Not -y, which would write zeros as -0.0.
     return np.column_stack([moved[:, 0], 0.0 - moved[:, 1]])
 
 
