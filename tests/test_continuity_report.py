@@ -211,16 +211,46 @@ def test_a_moved_twist_is_seen_at_the_vertex_and_in_the_gluing():
     assert clean.vertices[0].twist_residual < 1e-11
 
 
-def test_first_order_row_agrees_with_finite_differences():
-    """g = a D_a + b D_b − c C' of the reported gluing data, differentiated numerically at the vertex."""
-    rng = np.random.default_rng(5)
-    patches = [p.elevate(2) for p in star(3, 2)]
-    bumped = []
+def bumped(patches: list[pt.Patch], seed: int, weights: bool = False) -> pt.MultiPatch:
+    """Move the inner control points; weights are a function of the plane, so that sides agree."""
+    rng = np.random.default_rng(seed)
+    out = []
     for p in patches:
         c = p.control_points.copy()
-        c[1:3, 1:3] += rng.uniform(-0.04, 0.04, (2, 2, 2))
-        bumped.append(p.with_control_points(c))
-    mp = pt.MultiPatch(bumped)
+        c[1:-1, 1:-1] += rng.uniform(-0.04, 0.04, c[1:-1, 1:-1].shape)
+        w = 1 + 0.4 * c[..., 0] + 0.3 * c[..., 1] ** 2 if weights else None
+        out.append(pt.Patch(p.knots, p.degrees, c, w))
+    return pt.MultiPatch(out)
+
+
+def test_c1_rows_that_cannot_hold_are_left_out():
+    mp = bumped([p.elevate(2).insert_knots(0, [0.4]).insert_knots(1, [0.4]) for p in star(5, 4)], 1)
+    r = check_continuity(mp)
+    diameter = np.hypot(
+        *np.ptp(np.concatenate([p.control_points.reshape(-1, 2) for p in mp.patches]), axis=0)
+    )
+    for f in r.interfaces:
+        i = f.interface
+        rows = [
+            (i.side_a, mp.patches[i.patch_a].control_points),
+            (i.side_b, mp.patches[i.patch_b].control_points),
+        ]
+        steps = [side.of(c, 1) - side.of(c) for side, c in rows]
+        steps[1] = steps[1][::-1] if i.reversed else steps[1]
+        # Equal degrees and spans on both sides: p / h cancels.
+        offset = (f.speed_ratio * steps[0] + steps[1]) / (f.speed_ratio + 1)
+        size = np.hypot(*offset.T) / diameter
+        if np.hypot(*i.side_a.of(rows[0][1])[0]) > 0.5:
+            size = size[::-1]
+        assert f.c1_residual == pytest.approx(size[2:-1].max(), rel=1e-9)
+        assert f.c1_residual_all == pytest.approx(size.max(), rel=1e-9)
+    assert r.c1_residual == max(f.c1_residual for f in r.interfaces) < r.c1_residual_all
+
+
+@pytest.mark.parametrize("weights", [False, True])
+def test_first_order_row_agrees_with_finite_differences(weights):
+    """g = a D_a + b D_b − c C' of the reported gluing data, differentiated numerically at the vertex."""
+    mp = bumped([p.elevate(2) for p in star(3, 2)], 5, weights)
     r = check_continuity(mp)
     values, slopes = [], []
     for f in r.interfaces:

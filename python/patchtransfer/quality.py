@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import BSpline
 
 from .errors import InputError
 from .multipatch import MultiPatch
@@ -182,8 +183,6 @@ def span_basis(knots: ArrayLike, degree: int, samples: int) -> tuple[FloatArray,
 
 @lru_cache(maxsize=256)
 def _span_basis(knot_bytes: bytes, degree: int, samples: int) -> tuple[FloatArray, tuple[FloatArray, ...]]:
-    from scipy.interpolate import BSpline
-
     knots = np.frombuffer(knot_bytes)
     breaks = breaks_of(knots)
     n, m = len(knots) - degree - 1, len(breaks) - 1
