@@ -6,6 +6,7 @@ boundary control polygons as constraints; M_b that of the target's boundary cont
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -163,7 +164,7 @@ def target_mesh(
     if not polygons or any(p.ndim != 2 or p.shape[1] != 2 for p in polygons):
         raise InputError("target mesh: expected at least one polygon, each of shape (n, 2)")
     offsets = np.concatenate([[0], np.cumsum([len(p) for p in polygons])])
-    indices = [np.arange(a, b) for a, b in zip(offsets[:-1], offsets[1:], strict=True)]
+    indices = [np.arange(a, b) for a, b in itertools.pairwise(offsets)]
     corners = np.concatenate(polygons)
     try:
         points, triangles = _core.triangulate(corners, indices, min_angle, max_area)

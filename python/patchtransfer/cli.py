@@ -122,17 +122,13 @@ def main() -> None:
     show_default=True,
     help="Allow one uniform refinement of the source.",
 )
-@click.option(
-    "--fit-tolerance", type=float, default=1e-3, show_default=True, metavar="X", help="Boundary error."
-)
+@click.option("--fit-tolerance", type=float, default=1e-3, show_default=True, metavar="X", help="Boundary error.")
 @click.option("--fixed-correspondence", is_flag=True, help="Keep the joints where registration puts them.")
 @click.option("--keep-uncertified", is_flag=True, help="Write the best map even without a certificate.")
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
 @click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
 @_json
-@click.option(
-    "--threads", type=click.IntRange(min=1), metavar="N", help="Threads of the core (default: all)."
-)
+@click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads of the core (default: all).")
 def transfer(
     source: str,
     target: str,
@@ -178,7 +174,10 @@ def transfer(
         # Pictures before the result: a failure leaves no output without them.
         if plot_path is not None:
             metrics = result.quality.scaled_jacobian
-            caption = f"{result.certificate.status}; scaled Jacobian {metrics.min:.3f} to {metrics.max:.3f}, mean {metrics.mean:.3f}"
+            caption = (
+                f"{result.certificate.status}; scaled Jacobian {metrics.min:.3f} to {metrics.max:.3f}, "
+                f"mean {metrics.mean:.3f}"
+            )
             plot.savefig(plot.transfer(model, boundary, result.multipatch, caption=caption), plot_path)
         if plot_registration is not None:
             pairs = [[*a, *b] for a, b in result.registration.joints]
@@ -269,11 +268,7 @@ def _summary(content: dict[str, Any], output: str | None) -> None:
     """Certificate, metrics, errors and times as a table."""
     table = Table(show_header=False, box=None, pad_edge=False)
     certificate, metrics = content["certificate"], content["quality"]
-    bound = (
-        f", det J ≥ {certificate['lower_bound']:.3g} of its mean"
-        if certificate["status"] == "certified"
-        else ""
-    )
+    bound = f", det J ≥ {certificate['lower_bound']:.3g} of its mean" if certificate["status"] == "certified" else ""
     colour = "green" if certificate["injective"] else "red"
     table.add_row("certificate", f"[bold {colour}]{certificate['status']}[/]{bound}")
     for name in ("scaled_jacobian", "condition_number"):
@@ -315,9 +310,7 @@ def _progress() -> Iterator[Callable[[str, int, float, float], None] | None]:
     with console.status("transferring") as status:
 
         def show(stage: str, step: int, energy: float, determinant: float) -> None:
-            status.update(
-                f"{stage}: step {step}, energy {energy:.4g}, smallest determinant {determinant:.3g}"
-            )
+            status.update(f"{stage}: step {step}, energy {energy:.4g}, smallest determinant {determinant:.3g}")
 
         yield show
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .transfer import TransferResult
+    from .result import TransferResult
 
 __all__ = ["InfeasibleTargetError", "InputError", "NotCertifiedError", "TransferError"]
 

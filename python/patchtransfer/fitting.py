@@ -7,7 +7,7 @@ Paper §3.2, Eq. 2–6: least squares with both ends interpolated. The paper tak
   perpendicular (orthogonal distance fit by Gauss–Newton; residuals along the tangent are damped, not penalised);
 - where the target is smooth at a joint, the end tangents of both curves stay on one line, so no kink is added. The
   line itself is free: holding it at the target's tangent costs up to ten times in accuracy on few control points;
-- sides that miss a tenth of the tolerance are reweighted (Lawson) to level their largest errors.
+- if a side's error is not well below the tolerance, samples are reweighted (Lawson) to level the largest errors.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import InputError
 from .outline import Outline, hausdorff
@@ -30,10 +31,12 @@ SAMPLES_PER_SPAN, MIN_SAMPLES = 14, 24
 SMOOTH = np.radians(2.0)
 #: Weight of the residual along the tangent in the Gauss–Newton steps; the sliding makes it vanish at the end.
 DAMPING = 0.03
-#: Gauss–Newton steps at most before levelling, and the relative change at which they stop.
-STEPS, CHANGE = 20, 1e-3
-#: Rounds of reweighting.
-LEVELLING = 15
+#: Steps before tangents are joined, steps at most before levelling, and the relative change that ends them early.
+FREE_STEPS, STEPS, CHANGE = 3, 20, 0.03
+#: Part of the tolerance above which errors are levelled.
+LEVEL_ABOVE = 0.4
+#: Rounds of levelling at most; they end when none of the last few improved the largest error by this much.
+LEVELLING, PATIENCE, IMPROVEMENT = 40, 6, 0.01
 #: A tangent turns by at most this angle in one step, and never gets shorter than this part of the mean leg.
 MAX_TURN, SHORTEST_LEG = 0.1, 0.05
 
@@ -73,9 +76,7 @@ class FittedBoundary:
     warnings: tuple[str, ...]
 
 
-def fit_boundary(
-    registration: Registration, *, parameters: str = "speed", tolerance: float = 1e-3
-) -> FittedBoundary:
+def fit_boundary(registration: Registration, *, parameters: str = "speed", tolerance: float = 1e-3) -> FittedBoundary:
     """Fit every source boundary side to its part of the target.
 
     Parameters
@@ -106,14 +107,10 @@ def fit_boundary(
     joints = (
         []
         if uniform
-        else [
-            _Joint(sides[k][j - 1], sides[k][j])
-            for k, flags in enumerate(smooth)
-            for j in np.flatnonzero(flags)
-        ]
+        else [_Joint(sides[k][j - 1], sides[k][j]) for k, flags in enumerate(smooth) for j in np.flatnonzero(flags)]
     )
     if not uniform:
-        _iterate(list(groups.values()), joints, 0.1 * tolerance * diameter)
+        _iterate(list(groups.values()), joints, LEVEL_ABOVE * tolerance * diameter)
     loops, warnings = [], []
     for k, loop in enumerate(registration.loops):
         fitted = []
@@ -144,10 +141,8 @@ def _add_side(
     t = np.interp(np.arange(per_span * (len(breaks) - 1) + 1) / per_span, np.arange(len(breaks)), breaks)
     key = (curve.degree, curve.knots.tobytes())
     group = groups.setdefault(key, _Group(collocation_matrix(curve.knots, curve.degree, t)))
-    if uniform:
-        lengths = np.linspace(joints[i], joints[i + 1], len(t))
-    else:
-        lengths = loop.to_target(loop.source.arc_length(i, t))
+    fractions = np.linspace(joints[i], joints[i + 1], len(t))
+    lengths = fractions if uniform else loop.to_target(loop.source.arc_length(i, t))
     # The joint's point is evaluated at one and the same arc length for both curves that meet there.
     ends = loop.target.point(np.array([joints[i], joints[(i + 1) % len(loop.source.curves)]]))
     group.rows.append((loop.target, lengths, ends))
@@ -168,81 +163,112 @@ class _Group:
 
     basis: FloatArray
     rows: list[tuple[Outline, FloatArray, FloatArray]] = field(default_factory=list)
+    control: FloatArray = field(init=False)
+    across: FloatArray = field(init=False)
 
     def prepare(self) -> None:
         """Sample the target and fit once, with the starting parameters (Eq. 6)."""
-        g, n = len(self.rows), self.basis.shape[1]
-        self.outlines = [row[0] for row in self.rows]
+        g = len(self.rows)
+        self.outlines: list[tuple[Outline, list[int]]] = []
+        for outline in {id(row[0]): row[0] for row in self.rows}.values():
+            self.outlines.append((outline, [i for i, row in enumerate(self.rows) if row[0] is outline]))
         self.lengths = np.array([row[1] for row in self.rows])
         self.ends = np.array([row[2] for row in self.rows])
-        self.target = self._sample(self.lengths)
-        self.target[:, [0, -1]] = self.ends
         self.weights = np.ones((g, len(self.basis) - 2))
-        m = n - 2
-        self.axes = np.broadcast_to(np.eye(2), (g, m, 2, 2)).copy()
-        #: Whether the (start, end) leg keeps to the line through its end point along axis 0.
-        self.on_line = np.zeros((g, 2), bool)
-        self.linearise(np.broadcast_to(np.eye(2), (g, len(self.basis) - 2, 2, 2)))
+        inner = self.basis[1:-1, 1:-1]
+        m = inner.shape[1]
+        self.products = np.einsum("ki,kj->kij", inner, inner).reshape(len(inner), m * m)
+        #: Orthonormal axes of every inner control point, rows of a block-diagonal matrix.
+        self.axes = np.broadcast_to(np.eye(2 * m), (g, 2 * m, 2 * m)).copy()
+        #: Whether the (start, end) leg keeps to the line through its end point along its first axis.
+        self.on_line: NDArray[np.bool_] = np.zeros((g, 2), bool)
+        self._sample()
+        self.across = np.broadcast_to(np.eye(2), self.across.shape)
+        self.linearise()
         self.solve()
         self.error = self._errors()
         self.best, self.best_error = self.control, self.error
 
-    def _sample(self, lengths: FloatArray, tangent: bool = False) -> FloatArray:
-        out = np.empty((*lengths.shape, 2))
-        for outline in {id(o): o for o in self.outlines}.values():
-            rows = [i for i, o in enumerate(self.outlines) if o is outline]
-            out[rows] = outline.tangent(lengths[rows]) if tangent else outline.point(lengths[rows])
-        return out
+    def _sample(self) -> None:
+        """Target points at the arc lengths, and the metric that counts residuals across the target."""
+        samples = np.empty((*self.lengths.shape, 4))
+        for outline, rows in self.outlines:
+            samples[rows] = outline.evaluate(self.lengths[rows])
+        samples[:, [0, -1], :2] = self.ends
+        self.target, self.tangent = samples[..., :2], samples[..., 2:]
+        tangent = self.tangent[:, 1:-1]
+        self.across = np.eye(2) - (1 - DAMPING) * tangent[..., :, None] * tangent[..., None, :]
 
     def _errors(self) -> FloatArray:
         return np.asarray(np.linalg.norm(self.basis @ self.control - self.target, axis=2).max(axis=1))
 
+    def foot_errors(self) -> FloatArray:
+        """Largest distance of the curve's points from the target, to first order: without the part along it."""
+        offset = self.basis @ self.control - self.target
+        offset -= (offset * self.tangent).sum(axis=2)[..., None] * self.tangent
+        return np.asarray(np.linalg.norm(offset, axis=2).max(axis=1))
+
     def slide(self) -> None:
         """Move the inner samples along the target towards the feet of the perpendiculars from the curve."""
-        tangent = self._sample(self.lengths, tangent=True)
-        move = ((self.basis @ self.control - self.target) * tangent).sum(axis=2)
+        move = ((self.basis @ self.control - self.target) * self.tangent).sum(axis=2)
         move[:, [0, -1]] = 0.0
         self.lengths = np.clip(self.lengths + move, self.lengths[:, :1], self.lengths[:, -1:])
-        self.target = self._sample(self.lengths)
-        self.target[:, [0, -1]] = self.ends
-        tangent = self._sample(self.lengths, tangent=True)[:, 1:-1]
-        self.across = np.eye(2) - (1 - DAMPING) * tangent[..., :, None] * tangent[..., None, :]
+        self._sample()
 
-    def linearise(self, metric: FloatArray) -> None:
-        """Normal equations for the inner control points, the residual measured in `metric` (g, samples, 2, 2)."""
+    def level(self) -> None:
+        """Give samples weight by their residual, so that the largest ones come down."""
+        residual = np.linalg.norm(self.basis[1:-1] @ self.control - self.target[:, 1:-1], axis=2)
+        self.weights *= 0.05 + residual / np.maximum(residual.max(axis=1, keepdims=True), 1e-300)
+        self.weights /= self.weights.mean(axis=1, keepdims=True)
+
+    def linearise(self) -> None:
+        """Normal equations (g, 2m, 2m) for the inner control points, residuals measured across the target."""
         inner = self.basis[1:-1, 1:-1]
         known = self.basis[1:-1, :1] * self.ends[:, None, 0] + self.basis[1:-1, -1:] * self.ends[:, None, 1]
-        metric = metric * self.weights[..., None, None]
-        g, m = len(metric), inner.shape[1]
-        outer = np.einsum("ki,kj->kij", inner, inner).reshape(len(inner), m * m)
-        self.normal = np.einsum("gkab,kp->gpab", metric, outer).reshape(g, m, m, 2, 2)
-        rest = np.einsum("gkab,gkb->gka", metric, self.target[:, 1:-1] - known)
-        self.right = np.einsum("ki,gka->gia", inner, rest)
+        metric = self.across * self.weights[..., None, None]
+        (g, k), m = metric.shape[:2], inner.shape[1]
+        blocks = self.products.T @ metric.reshape(g, k, 4)
+        self.normal = blocks.reshape(g, m, m, 2, 2).swapaxes(2, 3).reshape(g, 2 * m, 2 * m)
+        rest = (metric @ (self.target[:, 1:-1] - known)[..., None])[..., 0]
+        self.right = (inner.T @ rest).reshape(g, 2 * m)
 
     def _local(self) -> tuple[FloatArray, FloatArray]:
         """Normal matrix (g, 2m, 2m) and right-hand side (g, 2m) in the local axes."""
-        g, m = self.axes.shape[:2]
-        normal = np.einsum("gica,gijab,gjdb->gicjd", self.axes, self.normal, self.axes, optimize=True)
-        return normal.reshape(g, 2 * m, 2 * m), np.einsum("gica,gia->gic", self.axes, self.right).reshape(
-            g, 2 * m
-        )
+        right = (self.axes @ self.right[..., None])[..., 0]
+        return self.axes @ self.normal @ self.axes.swapaxes(1, 2), right
+
+    def axis(self, end: int, which: int) -> FloatArray:
+        """First (along) or second (across) axis (g, 2) of the leg at the start (0) or the end (1)."""
+        m = self.axes.shape[1] // 2
+        at = 0 if end == 0 else 2 * (m - 1)
+        return self.axes[:, at + which, at : at + 2]
+
+    def set_axis(self, row: int, end: int, tau: FloatArray) -> None:
+        """Put a leg on the line along `tau` through its end point."""
+        at = 0 if end == 0 else self.axes.shape[1] - 2
+        self.axes[row, at : at + 2, at : at + 2] = np.array([tau, (-tau[1], tau[0])])
+        self.on_line[row, end] = True
+
+    def _end_coordinates(self, which: int) -> FloatArray:
+        """Coordinates (g, 2) of both end points along an axis of their legs."""
+        return np.stack([(self.axis(e, which) * self.ends[:, e]).sum(axis=1) for e in (0, 1)], axis=1)
 
     @property
     def _across_index(self) -> list[int]:
         """Index of the across coordinates of the start and the end leg."""
-        return [1, 2 * self.axes.shape[1] - 1]
+        return [1, self.axes.shape[1] - 1]
 
     def legs(self) -> FloatArray:
         """Signed lengths (g, 2) of the legs along their axes; the end leg's is negative."""
-        tip = self.control[:, [1, -2]] - self.ends
-        return np.asarray((tip * self.axes[:, [0, -1], 0]).sum(axis=2))
+        tips = self.control[:, 1] - self.ends[:, 0], self.control[:, -2] - self.ends[:, 1]
+        return np.stack([(self.axis(e, 0) * tips[e]).sum(axis=1) for e in (0, 1)], axis=1)
 
     def turning(self) -> tuple[FloatArray, FloatArray]:
         """Quadratic model of the squared error in the angles of the legs: matrices (g, 2, 2), gradients (g, 2)."""
         a, b = self._local()
         inverse = np.linalg.inv(a)
         free = (inverse @ b[..., None])[..., 0][:, self._across_index]
-        held = (self.axes[:, [0, -1], 1] * self.ends).sum(axis=2)
+        held = self._end_coordinates(1)
         # Everything else eliminated, the across coordinates of the legs on lines have the matrix (A^-1)^-1.
         both = self.on_line[:, :, None] & self.on_line[:, None]
         compliance = np.where(both, inverse[:, self._across_index][:, :, self._across_index], np.eye(2))
@@ -253,44 +279,34 @@ class _Group:
 
     def solve(self) -> None:
         """Control points of the least-squares fit, legs on their lines and pointing forwards."""
-        g, m = self.axes.shape[:2]
-        if m == 0:
+        g, size = self.right.shape
+        if size == 0:
             self.control = self.ends.copy()
             return
         a, b = self._local()
-        fixed = np.zeros((g, 2 * m), bool)
-        value = np.zeros((g, 2 * m))
-        fixed[:, self._across_index] |= self.on_line
-        value[:, self._across_index] = np.where(
-            self.on_line, (self.axes[:, [0, -1], 1] * self.ends).sum(axis=2), 0
-        )
+        fixed, value = np.zeros((g, size), bool), np.zeros((g, size))
+        across, along = self._across_index, [0, size - 2]
+        fixed[:, across] |= self.on_line
+        value[:, across] = np.where(self.on_line, self._end_coordinates(1), 0.0)
         x = _constrained(a, b, fixed, value)
-        along = [0, 2 * m - 2]
-        base = (self.axes[:, [0, -1], 0] * self.ends).sum(axis=2)
-        forward = np.array([1.0, -1.0])
-        shortest = SHORTEST_LEG * np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1)[:, None] / (m + 1)
+        base, forward = self._end_coordinates(0), np.array([1.0, -1.0])
+        chord = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1)[:, None]
+        shortest = 2 * SHORTEST_LEG * chord / (size + 2)
         short = self.on_line & (forward * (x[:, along] - base) < shortest)
         if short.any():
             fixed[:, along] |= short
             value[:, along] = np.where(short, base + 2 * forward * shortest, value[:, along])
             x = _constrained(a, b, fixed, value)
-        points = np.einsum("gica,gic->gia", self.axes, x.reshape(g, m, 2))
+        points = (self.axes.swapaxes(1, 2) @ x[..., None]).reshape(g, size // 2, 2)
         self.control = np.concatenate([self.ends[:, :1], points, self.ends[:, 1:]], axis=1)
         # Rebuilt from the end points, so that collinearity holds to rounding of the leg, not of the coordinates.
         for end, inner in ((0, 1), (1, -2)):
-            leg = (x[:, along[end]] - base[:, end])[:, None] * self.axes[:, 0 if end == 0 else -1, 0]
+            leg = (x[:, along[end]] - base[:, end])[:, None] * self.axis(end, 0)
             rebuilt = self.ends[:, end] + leg
             self.control[:, inner] = np.where(self.on_line[:, end, None], rebuilt, self.control[:, inner])
 
-    def keep_best(self) -> None:
-        """Remember the sides that got better."""
-        self.error = self._errors()
-        better = self.error < self.best_error
-        self.best = np.where(better[:, None, None], self.control, self.best)
-        self.best_error = np.where(better, self.error, self.best_error)
 
-
-def _constrained(a: FloatArray, b: FloatArray, fixed: FloatArray, value: FloatArray) -> FloatArray:
+def _constrained(a: FloatArray, b: FloatArray, fixed: NDArray[np.bool_], value: FloatArray) -> FloatArray:
     """Solve with some unknowns fixed, one system a row."""
     known = np.where(fixed, value, 0.0)
     right = np.where(fixed, known, b - np.einsum("gij,gj->gi", a, known))
@@ -301,107 +317,79 @@ def _constrained(a: FloatArray, b: FloatArray, fixed: FloatArray, value: FloatAr
 
 def _iterate(groups: list[_Group], joints: list[_Joint], level_above: float) -> None:
     """Gauss–Newton steps on control points, feet and tangents together, then levelling of the largest errors."""
-    active = [group for group in groups if group.axes.shape[1] > 0]
-    if not active:
+    groups = [group for group in groups if group.right.size]
+    # A curve of one inner control point has no leg of its own at either end.
+    joints = [j for j in joints if min(j.before[0].right.shape[1], j.after[0].right.shape[1]) > 2]
+    if not groups:
         return
-    total = sum(len(group.rows) for group in active)
-    free_steps = 3 if joints else 0
-    best = np.inf
+    levelling, best, best_step, worst = False, np.inf, 0, np.inf
     for step in range(STEPS + LEVELLING):
-        before = [group.control for group in active]
-        levelling = step >= STEPS
-        for group in active:
+        before = [group.control for group in groups]
+        for group in groups:
             if levelling:
-                residual = np.linalg.norm(group.basis[1:-1] @ group.control - group.target[:, 1:-1], axis=2)
-                group.weights *= 0.05 + residual / np.maximum(residual.max(axis=1, keepdims=True), 1e-300)
-                group.weights /= group.weights.mean(axis=1, keepdims=True)
+                group.level()
             group.slide()
-            group.linearise(group.across)
-        if joints and step == free_steps:
-            # Only lines that exist can turn: start from the mean direction of the free fits.
-            joints = [joint for joint in joints if _align(joint)]
-        elif joints and step > free_steps:
-            _turn(active, joints)
-        for group in active:
+            group.linearise()
+        if step == FREE_STEPS:
+            for joint in joints:
+                _align(joint)
+        elif joints and step > FREE_STEPS:
+            _turn(groups, joints)
+        for group in groups:
             group.solve()
-            group.slide()
-        if step < free_steps:
+        if joints and step < FREE_STEPS:
             continue
-        worst = 0.0
-        for group in active:
-            if step == free_steps:
-                group.error = group._errors()
+        change = max(float(np.abs(g.control - b).max()) for g, b in zip(groups, before, strict=True))
+        for group in groups:
+            group.error = group.foot_errors()
+        worst = max(float(group.error.max()) for group in groups)
+        # Tangents are shared, so the best is one of all sides together: the largest error, then the others.
+        score = worst + 0.1 * float(np.mean(np.concatenate([group.error for group in groups])))
+        if score < (1 - IMPROVEMENT) * best:
+            best_step = step
+        if score < best:
+            best = score
+            for group in groups:
                 group.best, group.best_error = group.control, group.error
-            if not joints:
-                group.keep_best()
-            group.error = group._errors()
-            worst = max(worst, float(group.error.max()))
-        if joints:
-            # Tangents are shared, so the best is one of all sides together.
-            score = float(np.sqrt(sum((group.error**2).sum() for group in active) / total)) + worst
-            if score < best:
-                best = score
-                for group in active:
-                    group.best, group.best_error = group.control, group.error
-        if not levelling and step > free_steps + 1:
-            change = max(float(np.abs(g.control - b).max()) for g, b in zip(active, before, strict=True))
-            if change < CHANGE * max(worst, 1e-12) and worst <= level_above:
-                return
-        if levelling and worst <= level_above:
+        if worst <= level_above or (levelling and step - best_step > PATIENCE):
             return
+        levelling = levelling or step >= STEPS or change < CHANGE * worst
 
 
-def _align(joint: _Joint) -> bool:
-    """Put both legs of a joint on the mean of their directions; False if one of the sides has no leg to turn."""
+def _align(joint: _Joint) -> None:
+    """Put both legs of a joint on the mean of their directions."""
     (group_a, row_a), (group_b, row_b) = joint.before, joint.after
-    if group_a.axes.shape[1] < 2 or group_b.axes.shape[1] < 2:
-        return False
     # Turning a leg by an angle moves its control point by length * angle: weigh by the squared length.
-    legs = (
-        group_a.ends[row_a, 1] - group_a.control[row_a, -2],
-        group_b.control[row_b, 1] - group_b.ends[row_b, 0],
-    )
+    legs = group_a.ends[row_a, 1] - group_a.control[row_a, -2], group_b.control[row_b, 1] - group_b.ends[row_b, 0]
     mean = sum(np.linalg.norm(leg) * leg for leg in legs)
     size = float(np.linalg.norm(mean))
-    if size == 0.0:
-        return False
-    _set_axis(joint, mean / size)
-    return True
-
-
-def _set_axis(joint: _Joint, tau: FloatArray) -> None:
-    for (group, row), point, end in ((joint.before, -1, 1), (joint.after, 0, 0)):
-        group.axes[row, point] = [tau, [-tau[1], tau[0]]]
-        group.on_line[row, end] = True
+    tau = mean / size if size > 0 else group_b.tangent[row_b, 0]
+    group_a.set_axis(row_a, 1, tau)
+    group_b.set_axis(row_b, 0, tau)
 
 
 def _turn(groups: Sequence[_Group], joints: Sequence[_Joint]) -> None:
     """Turn the lines of all joints by the minimiser of the quadratic model; sides with large errors count more."""
-    index: dict[tuple[int, int, int], int] = {}
+    ends = {id(group): np.full((len(group.rows), 2), -1) for group in groups}
     for j, joint in enumerate(joints):
-        index[id(joint.before[0]), joint.before[1], 1] = j
-        index[id(joint.after[0]), joint.after[1], 0] = j
+        ends[id(joint.before[0])][joint.before[1], 1] = j
+        ends[id(joint.after[0])][joint.after[1], 0] = j
     matrix, right = np.zeros((len(joints), len(joints))), np.zeros(len(joints))
     worst = max(float(group.error.max()) for group in groups)
     for group in groups:
         stiffness, gradient = group.turning()
         share = (0.1 + group.error / max(worst, 1e-300)) ** 2
-        ends = np.array(
-            [
-                [index.get((id(group), row, 0), -1), index.get((id(group), row, 1), -1)]
-                for row in range(len(group.rows))
-            ]
-        )
+        index = ends[id(group)]
         for a in range(2):
-            rows = np.flatnonzero(ends[:, a] >= 0)
-            np.add.at(right, ends[rows, a], share[rows] * gradient[rows, a])
+            rows = np.flatnonzero(index[:, a] >= 0)
+            np.add.at(right, index[rows, a], share[rows] * gradient[rows, a])
             for b in range(2):
-                rows = np.flatnonzero((ends[:, a] >= 0) & (ends[:, b] >= 0))
-                np.add.at(matrix, (ends[rows, a], ends[rows, b]), share[rows] * stiffness[rows, a, b])
+                rows = np.flatnonzero((index[:, a] >= 0) & (index[:, b] >= 0))
+                np.add.at(matrix, (index[rows, a], index[rows, b]), share[rows] * stiffness[rows, a, b])
     matrix[np.diag_indices(len(joints))] += 1e-9 * np.trace(matrix) / len(joints) + 1e-300
-    for joint, angle in zip(
-        joints, np.clip(np.linalg.solve(matrix, right), -MAX_TURN, MAX_TURN), strict=True
-    ):
-        tau, nu = joint.after[0].axes[joint.after[1], 0]
-        turned = np.cos(angle) * tau + np.sin(angle) * nu
-        _set_axis(joint, turned / np.linalg.norm(turned))
+    for joint, angle in zip(joints, np.clip(np.linalg.solve(matrix, right), -MAX_TURN, MAX_TURN), strict=True):
+        group, row = joint.after
+        turned = np.cos(angle) * group.axis(0, 0)[row] + np.sin(angle) * group.axis(0, 1)[row]
+        turned /= np.linalg.norm(turned)
+        group.set_axis(row, 0, turned)
+        joint.before[0].set_axis(joint.before[1], 1, turned)

@@ -6,15 +6,18 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import InputError
 from .splines import BSplineCurve, FloatArray, Patch
 
 if TYPE_CHECKING:
     from .topology import BoundarySide, Topology, Vertex
+
+Number = TypeVar("Number", bound=np.generic)
 
 __all__ = ["Boundary", "Interface", "MultiPatch", "Side"]
 
@@ -41,7 +44,7 @@ class Side(IntEnum):
         """Whether the side lies at the last knot of the direction across it."""
         return self in (Side.EAST, Side.NORTH)
 
-    def of(self, array: FloatArray, row: int = 0) -> FloatArray:
+    def of(self, array: NDArray[Number], row: int = 0) -> NDArray[Number]:
         """The slice of an (n_u, n_v, ...) array on this side, `row` rows into the patch."""
         index = -1 - row if self.at_end else row
         return array[index] if self.axis == 1 else array[:, index]
@@ -193,12 +196,12 @@ class Boundary:
     loops: tuple[tuple[BSplineCurve, ...], ...]
 
     def __init__(self, loops: Iterable[Iterable[BSplineCurve]]) -> None:
-        loops = tuple(tuple(loop) for loop in loops)
-        if not loops or not all(loops):
+        chains = tuple(tuple(loop) for loop in loops)
+        if not chains or not all(chains):
             raise InputError("a boundary needs at least one loop, and every loop at least one curve")
-        object.__setattr__(self, "loops", loops)
+        object.__setattr__(self, "loops", chains)
         tolerance = 1e-6 * self.diameter
-        for k, loop in enumerate(loops):
+        for k, loop in enumerate(chains):
             for i, curve in enumerate(loop):
                 gap = float(np.linalg.norm(curve.end - loop[(i + 1) % len(loop)].start))
                 if gap > tolerance:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from . import _core
@@ -152,7 +153,7 @@ def optimize_with_ladder(
     certify: Certify,
     *,
     source: FloatArray,
-    boundary: Sequence[int],
+    boundary: NDArray[np.int64],
     progress: Progress | None = None,
 ) -> tuple[OptimizedMap, Certificate, list[str]]:
     """Optimise until the certificate accepts the map, trying harder rung by rung.
@@ -170,7 +171,7 @@ def optimize_with_ladder(
         Shared control points to certificate.
     source : (n_points, 2) array
         The source's shared control points, start of the continuation.
-    boundary : sequence of int
+    boundary : int array
         Indices of the boundary points.
     progress : callable, optional
 
@@ -215,7 +216,7 @@ def optimize_with_ladder(
     for rung, weight in (("twice the nodes", AREA_WEIGHT), ("area weight 1", 1.0)):
         if attempt(rung, optimizer, _known(best)[0].points, weight):
             return *_known(best), log
-    continued = _continue_boundary(optimizer, source, start, np.asarray(boundary))
+    continued = _continue_boundary(optimizer, source, start, boundary)
     if continued is None:
         log.append("continuation: no fold-free path from the source's boundary was found")
     else:
@@ -234,7 +235,7 @@ def _rank(certificate: Certificate, found: OptimizedMap) -> tuple[bool, bool, fl
 
 
 def _continue_boundary(
-    optimizer: SplineOptimizer, source: FloatArray, target: FloatArray, boundary: np.ndarray
+    optimizer: SplineOptimizer, source: FloatArray, target: FloatArray, boundary: NDArray[np.int64]
 ) -> FloatArray | None:
     """Move the boundary from the source's (after a similarity) to the target's in adaptive steps, fold-free.
 
@@ -261,4 +262,4 @@ def _continue_boundary(
             if step < 1e-3:
                 return None
     points[boundary] = b
-    return points
+    return np.asarray(points)

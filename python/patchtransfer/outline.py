@@ -7,11 +7,16 @@ from functools import cached_property
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.special import comb
 
+from . import _core
 from .splines import BSplineCurve, FloatArray
 
 __all__ = ["Outline", "hausdorff"]
+
+IntArray = NDArray[np.int64]
 
 #: Aim for this many entries in the arc-length table, 4 to 16 a Bézier piece (3-point Gauss on each interval).
 TABLE = 1024
@@ -49,58 +54,27 @@ class Outline:
         m = len(self._pieces)
         self._n = n = max(4, min(16, TABLE // m))
         nodes = (np.arange(n)[:, None] / n + (t + 1) / (2 * n)).ravel()
-        speed = np.linalg.norm(
-            self._derivative(np.repeat(np.arange(m), len(nodes)), np.tile(nodes, m)), axis=1
-        )
+        speed = np.linalg.norm(_derivatives(self._pieces, nodes), axis=2)
         steps = speed.reshape(m, n, 3) @ (w / (2 * n))
         self._table = np.concatenate([[0.0], np.cumsum(steps)])
         self.length = float(self._table[-1])
         self.joints = self._table[self._first * n]
 
-    def _locate(self, s: FloatArray, from_left: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Piece and local parameter at the (unwrapped) arc lengths `s`; at breaks the later or earlier piece."""
-        s = np.mod(s, self.length)
-        if from_left:
-            s = np.where(s == 0, self.length, s)
-        side = "left" if from_left else "right"
-        k = np.clip(np.searchsorted(self._table, s, side=side) - 1, 0, len(self._table) - 2)
-        fraction = (s - self._table[k]) / np.maximum(self._table[k + 1] - self._table[k], 1e-300)
-        return k // self._n, (k % self._n + np.clip(fraction, 0, 1)) / self._n
+    def evaluate(self, s: FloatArray, from_left: bool = False) -> FloatArray:
+        """Points and unit tangents (..., 4) at the arc lengths `s`, taken modulo the length.
 
-    def _casteljau(self, piece: FloatArray, t: FloatArray, stop: int) -> FloatArray:
-        """Homogeneous Bézier points after de Casteljau steps until `stop` points are left."""
-        b = self._pieces[piece]
-        u = t[:, None, None]
-        while b.shape[1] > stop:
-            b = b[:, :-1] + u * (b[:, 1:] - b[:, :-1])
-        return b
-
-    def _derivative(self, piece: FloatArray, t: FloatArray) -> FloatArray:
-        b = self._casteljau(piece, t, 2)
-        slope = (self._pieces.shape[1] - 1) * (b[:, 1] - b[:, 0])
-        value = b[:, 0] + t[:, None] * (b[:, 1] - b[:, 0])
-        point = value[:, :2] / value[:, 2:]
-        return np.asarray((slope[:, :2] - slope[:, 2:] * point) / value[:, 2:])
+        At a corner the tangent is the outgoing one, or the incoming one with `from_left`.
+        """
+        flat = np.ascontiguousarray(s, dtype=np.float64).ravel()
+        return _core.evaluate_outline(self._pieces, self._table, flat, from_left).reshape(*np.shape(s), 4)
 
     def point(self, s: FloatArray | float) -> FloatArray:
-        """Points at the arc lengths `s` (taken modulo the length), shape (..., 2)."""
-        s = np.asarray(s, dtype=np.float64)
-        value = self._casteljau(*self._locate(s.ravel()), 1)[:, 0]
-        return np.asarray(value[:, :2] / value[:, 2:]).reshape(*s.shape, 2)
+        """Points at the arc lengths `s`, shape (..., 2)."""
+        return np.asarray(self.evaluate(np.asarray(s))[..., :2])
 
     def tangent(self, s: FloatArray | float, from_left: bool = False) -> FloatArray:
-        """Unit tangents at `s`; at a corner the outgoing one, or the incoming one with `from_left`."""
-        s = np.asarray(s, dtype=np.float64)
-        piece, t = self._locate(s.ravel(), from_left)
-        d = self._derivative(piece, t)
-        norm = np.linalg.norm(d, axis=1)
-        # Coinciding end control points: the direction is the limit from inside.
-        flat = norm <= 1e-9 * self.length
-        if flat.any():
-            inward = np.where(t[flat] > 0.5, t[flat] - 1e-3, t[flat] + 1e-3)
-            d[flat] = self._derivative(piece[flat], inward)
-            norm = np.linalg.norm(d, axis=1)
-        return np.asarray(d / np.maximum(norm, 1e-300)[:, None]).reshape(*s.shape, 2)
+        """Unit tangents at the arc lengths `s`, shape (..., 2)."""
+        return np.asarray(self.evaluate(np.asarray(s), from_left)[..., 2:])
 
     def turn(self, s: FloatArray | float) -> FloatArray:
         """Signed turning angle of the tangent at `s` in radians, non-zero at corners only."""
@@ -108,14 +82,14 @@ class Outline:
         near = 1e-9 * self.length
         before, after = self.tangent(np.asarray(s) - near, from_left=True), self.tangent(np.asarray(s) + near)
         cross = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
-        return np.arctan2(cross, (before * after).sum(axis=-1))
+        return np.asarray(np.arctan2(cross, (before * after).sum(axis=-1)))
 
     def arc_length(self, curve: int, t: FloatArray) -> FloatArray:
         """Arc length at the parameters `t` of one of the curves (linear interpolation in the table)."""
         breaks, n = self._breaks[curve], self._n
         knots = (breaks[:-1, None] + np.diff(breaks)[:, None] * np.arange(n) / n).ravel()
         rows = slice(self._first[curve] * n, self._first[curve + 1] * n + 1)
-        return np.interp(t, np.append(knots, breaks[-1]), self._table[rows])
+        return np.asarray(np.interp(t, np.append(knots, breaks[-1]), self._table[rows]))
 
     @cached_property
     def piece_breaks(self) -> FloatArray:
@@ -149,11 +123,12 @@ class Outline:
         best_s, best = s.copy(), np.full(len(points), np.inf)
         active = rows
         for _ in range(8):
-            offset = points[active] - self.point(s[active])
+            here = self.evaluate(s[active])
+            offset = points[active] - here[:, :2]
             distance = np.linalg.norm(offset, axis=1)
             better = distance < best[active]
             best_s[active[better]], best[active[better]] = s[active[better]], distance[better]
-            move = np.clip((offset * self.tangent(s[active])).sum(axis=1), -step[active], step[active])
+            move = np.clip((offset * here[:, 2:]).sum(axis=1), -step[active], step[active])
             s[active] += move
             active = active[better & (abs(move) > 1e-9 * self.length)]
             if len(active) == 0:
@@ -162,13 +137,24 @@ class Outline:
 
     def polygon(self, n: int) -> FloatArray:
         """`n` points at equal arc-length distances."""
-        return self.point(np.arange(n) * (self.length / n))
+        return self.point(np.arange(n, dtype=np.float64) * (self.length / n))
 
     @cached_property
     def area(self) -> float:
         """Signed area, positive when the loop runs counter-clockwise (from 4 to 16 samples a Bézier piece)."""
         x, y = self._samples[1].T
         return float(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+
+
+def _derivatives(pieces: FloatArray, t: FloatArray) -> FloatArray:
+    """Derivatives (m, len(t), 2) of rational Bézier pieces (m, p + 1, 3) at the local parameters `t`."""
+    p = pieces.shape[1] - 1
+    k = np.arange(p + 1)
+    basis = comb(p, k) * t[:, None] ** k * (1 - t[:, None]) ** (p - k)
+    lower = comb(p - 1, k[:-1]) * t[:, None] ** k[:-1] * (1 - t[:, None]) ** (p - 1 - k[:-1])
+    value, slope = basis @ pieces, lower @ (p * np.diff(pieces, axis=1))
+    point = value[..., :2] / value[..., 2:]
+    return np.asarray((slope[..., :2] - slope[..., 2:] * point) / value[..., 2:])
 
 
 def _raise_bezier(points: FloatArray, degree: int) -> FloatArray:

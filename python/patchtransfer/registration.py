@@ -8,7 +8,7 @@ matched to corners; without landmarks the start comes from the best similarity a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +59,7 @@ class LoopRegistration:
         a, b = self.anchors.T
         s = np.asarray(s, dtype=np.float64)
         turns = np.floor((s - a[0]) / self.source.length)
-        return np.interp(s - turns * self.source.length, a, b) + turns * self.target.length
+        return np.asarray(np.interp(s - turns * self.source.length, a, b) + turns * self.target.length)
 
     @property
     def joints(self) -> FloatArray:
@@ -232,9 +232,7 @@ def _pair_loops(source: list[Outline], target: list[Outline], placed: NDArray[np
     return [partner[k] for k in range(len(source))]
 
 
-def _anchors_from_landmarks(
-    placed: NDArray[np.void], source: Outline, target: Outline, loop: int
-) -> FloatArray:
+def _anchors_from_landmarks(placed: NDArray[np.void], source: Outline, target: Outline, loop: int) -> FloatArray:
     """Sorted landmark positions on a loop, a full turn; `InputError` when their order is reversed or crossing."""
     placed = placed[np.argsort(placed["s"], kind="stable")]
     s, t, row = placed["s"], placed["t"], placed["row"] + 1
@@ -262,9 +260,7 @@ def _anchors_from_landmarks(
     return np.column_stack([np.append(s, s[0] + source.length), np.append(t, t[0] + target.length)])
 
 
-def _anchors_from_shape(
-    source: Outline, target: Outline, outer: LoopRegistration | None
-) -> tuple[FloatArray, float]:
+def _anchors_from_shape(source: Outline, target: Outline, outer: LoopRegistration | None) -> tuple[FloatArray, float]:
     """Start by alignment of the loops, then corners to corners; confidence in the start.
 
     The outer loop is compared up to a similarity; a hole with where the outer loop's correspondence (by mean value
@@ -360,7 +356,7 @@ def _close(rows: FloatArray, source: Outline, target: Outline, fallback: FloatAr
     turns = np.floor(rows[:, 0] / source.length)
     rows = rows - np.outer(turns, [source.length, target.length])
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
-    closed = np.concatenate([rows, rows[:1] + [[source.length, target.length]]])
+    closed = np.concatenate([rows, rows[:1] + np.array([source.length, target.length])])
     if (np.diff(closed[:, 0]) <= 0).any() or (np.diff(closed[:, 1]) <= 0).any():
         return fallback
     return closed
@@ -386,12 +382,12 @@ def _place_marked(loop: LoopRegistration) -> FloatArray:
     return _close(rows[distinct], loop.source, loop.target, loop.anchors)
 
 
-def _predictor(outer: LoopRegistration):  # type: ignore[no-untyped-def]
+def _predictor(outer: LoopRegistration) -> Callable[[FloatArray], FloatArray]:
     """Map points of the source's inside to the target's by mean value coordinates of the outer loop.
 
     Floater: *Mean value coordinates*, CAGD 20(1), 2003 (doi:10.1016/S0167-8396(03)00002-5).
     """
-    s = np.arange(256) * (outer.source.length / 256)
+    s = np.arange(256, dtype=np.float64) * (outer.source.length / 256)
     polygon, image = outer.source.point(s), outer.target.point(outer.to_target(s))
 
     def predict(points: FloatArray) -> FloatArray:

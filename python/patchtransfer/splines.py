@@ -56,9 +56,7 @@ def check_knots(knots: FloatArray, degree: int, count: int, what: str) -> None:
     if (np.diff(knots) < 0).any():
         raise InputError(f"{what}: knot vector decreases at knot {int(np.argmax(np.diff(knots) < 0)) + 1}")
     if knots[degree] != knots[0] or knots[-degree - 1] != knots[-1]:
-        raise InputError(
-            f"{what}: knot vector is not clamped (end knots must be repeated {degree + 1} times)"
-        )
+        raise InputError(f"{what}: knot vector is not clamped (end knots must be repeated {degree + 1} times)")
     if knots[0] == knots[-1]:
         raise InputError(f"{what}: knot vector spans nothing")
     _, multiplicity = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
@@ -137,7 +135,7 @@ def elevate(
     values = collocation_matrix(knots, degree, greville) @ flat
     raised = np.linalg.solve(collocation_matrix(fine, degree_up, greville), values)
     raised[0], raised[-1] = flat[0], flat[-1]
-    return fine, degree_up, raised.reshape(-1, *coefficients.shape[1:])
+    return fine, degree_up, np.asarray(raised.reshape(-1, *coefficients.shape[1:]), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,12 +194,12 @@ class BSplineCurve:
     @property
     def start(self) -> FloatArray:
         """First control point, where the curve starts."""
-        return self.control_points[0]
+        return np.asarray(self.control_points[0])
 
     @property
     def end(self) -> FloatArray:
         """Last control point, where the curve ends."""
-        return self.control_points[-1]
+        return np.asarray(self.control_points[-1])
 
     def homogeneous(self) -> FloatArray:
         """Coefficients (n, 3): weighted control points and weights (ones for a polynomial curve)."""
@@ -324,9 +322,7 @@ class Patch:
         set_ = object.__setattr__
         if len(knots) != 2 or len(degrees) != 2:
             raise InputError("a patch has two knot vectors and two degrees")
-        set_(
-            self, "knots", (frozen_array(knots[0], "patch knots u"), frozen_array(knots[1], "patch knots v"))
-        )
+        set_(self, "knots", (frozen_array(knots[0], "patch knots u"), frozen_array(knots[1], "patch knots v")))
         set_(self, "degrees", (int(degrees[0]), int(degrees[1])))
         set_(self, "control_points", frozen_array(control_points, "patch control points"))
         points = self.control_points
@@ -427,9 +423,10 @@ def _same(a: Any, b: Any, names: tuple[str, ...]) -> bool:
 
     for name in names:
         for x, y in zip(flat(getattr(a, name)), flat(getattr(b, name)), strict=True):
-            if (x is None) != (y is None) or (x is not None and not np.array_equal(x, y)):
+            if x is None or y is None:
+                if x is not y:
+                    return False
+            elif not np.array_equal(x, y):
                 return False
-    return bool(
-        a.__dict__.get("degree", a.__dict__.get("degrees"))
-        == b.__dict__.get("degree", b.__dict__.get("degrees"))
-    )
+    degrees = ("degree", "degrees")
+    return all(a.__dict__.get(name) == b.__dict__.get(name) for name in degrees)

@@ -48,9 +48,7 @@ class BoundarySide:
         patch = patches[self.patch]
         axis = self.side.axis
         weights = None if patch.weights is None else self.side.of(patch.weights)
-        curve = BSplineCurve(
-            patch.knots[axis], patch.degrees[axis], self.side.of(patch.control_points), weights
-        )
+        curve = BSplineCurve(patch.knots[axis], patch.degrees[axis], self.side.of(patch.control_points), weights)
         return curve.reversed() if self.reversed else curve
 
     def points(self, array: IntArray) -> IntArray:
@@ -96,9 +94,7 @@ def infer_interfaces(patches: Sequence[Patch], tolerance: float | None = None) -
         In the order of the patches.
     """
     corners = np.concatenate([p.control_points.reshape(-1, 2) for p in patches])
-    tolerance = (
-        COINCIDENCE * float(np.linalg.norm(np.ptp(corners, axis=0))) if tolerance is None else tolerance
-    )
+    tolerance = COINCIDENCE * float(np.linalg.norm(np.ptp(corners, axis=0))) if tolerance is None else tolerance
     middles, sides = [], []
     for k, patch in enumerate(patches):
         for side in Side:
@@ -132,9 +128,7 @@ def check_interfaces(patches: Sequence[Patch], interfaces: Sequence[Interface]) 
     tolerance = COINCIDENCE * float(np.linalg.norm(np.ptp(points, axis=0)))
     used: set[tuple[int, Side]] = set()
     for f in interfaces:
-        name = (
-            f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
-        )
+        name = f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
         for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b)):
             if not 0 <= k < len(patches):
                 raise InputError(f"{name}: there is no patch {k}")
@@ -182,9 +176,7 @@ class Topology:
         self.interfaces = multipatch.interfaces
         self.points, self.n_points = self._identify()
         self.orientation = np.array([1 if signed_area(p) >= 0 else -1 for p in self.patches])
-        glued = {(f.patch_a, f.side_a) for f in self.interfaces} | {
-            (f.patch_b, f.side_b) for f in self.interfaces
-        }
+        glued = {(f.patch_a, f.side_a) for f in self.interfaces} | {(f.patch_b, f.side_b) for f in self.interfaces}
         self.boundaries = tuple((k, s) for k in range(len(self.patches)) for s in Side if (k, s) not in glued)
 
     def _identify(self) -> tuple[list[IntArray], int]:
@@ -221,8 +213,7 @@ class Topology:
         first[flat[::-1]] = control[::-1]
         differ = np.zeros(self.n_points, bool)
         np.logical_or.at(differ, flat, (first[flat] != control).any(axis=1))
-        first[differ] = mean[differ]
-        return first
+        return np.where(differ[:, None], mean, first)
 
     @cached_property
     def boundary_points(self) -> IntArray:
@@ -241,9 +232,7 @@ class Topology:
         a = [f.patch_a for f in self.interfaces]
         b = [f.patch_b for f in self.interfaces]
         n = len(self.patches)
-        return int(
-            connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[0]
-        )
+        return int(connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[0])
 
     def directed_side(self, patch: int, side: Side) -> BoundarySide:
         """A side with the interior of its patch on the left."""
@@ -294,7 +283,7 @@ class Topology:
 
     def _loop_polygon(self, loop: Sequence[BoundarySide]) -> FloatArray:
         points = np.concatenate([side.points(self.points[side.patch])[:-1] for side in loop])
-        return self.coordinates[points]
+        return np.asarray(self.coordinates[points])
 
     @cached_property
     def vertices(self) -> tuple[Vertex, ...]:
@@ -323,8 +312,9 @@ class Topology:
         n = len(self.interfaces)
         if n == 0:
             return ()
-        i, j = np.array(pairs, int).reshape(-1, 2).T
-        _, label = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(n, n)), directed=False)
+        rows, columns = np.array(pairs, int).reshape(-1, 2).T
+        graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+        _, label = connected_components(graph, directed=False)
         groups: dict[int, list[int]] = defaultdict(list)
         for index, group in enumerate(label.tolist()):
             groups[group].append(index)

@@ -169,8 +169,15 @@ class TransferPlan:
                 raise InputError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
         if not 0 < fit_tolerance < 1:
             raise InputError(f"fit_tolerance must lie between 0 and 1, got {fit_tolerance!r}")
-        result = self._attempt(target, landmarks, method, progress, fit_tolerance)
-        if refine == "auto" and (result.boundary_error > fit_tolerance or not result.certificate.injective):
+        result: TransferResult | None
+        try:
+            result = self._attempt(target, landmarks, method, progress, fit_tolerance)
+        except NotCertifiedError:
+            if refine != "auto":
+                raise
+            result = None
+        good = result is not None and result.boundary_error <= fit_tolerance and result.certificate.injective
+        if result is None or (refine == "auto" and not good):
             finer = TransferPlan(refine_uniformly(self._welded), self.continuity)
             result = finer._attempt(target, landmarks, method, progress, fit_tolerance).with_warning(
                 "the source was refined uniformly: one knot in every span of every patch"
@@ -225,9 +232,7 @@ class TransferPlan:
                 SMOOTH,
             )
         with clock("fitting"):
-            fitted = fit_boundary(
-                registration, parameters="uniform" if paper else "speed", tolerance=fit_tolerance
-            )
+            fitted = fit_boundary(registration, parameters="uniform" if paper else "speed", tolerance=fit_tolerance)
             warnings += fitted.warnings
         with clock("feasibility"):
             corner_bound, degenerate = self._check_fit(fitted)
@@ -268,13 +273,11 @@ class TransferPlan:
             check_loops(curves, "fitted boundary")
             corners = check_corners(curves, self._single, "fitted boundary")
         except InfeasibleTargetError as error:
-            raise InfeasibleTargetError(
+            raise NotCertifiedError(
                 f"the target is feasible, but the source's knots cannot represent it (fit error {fitted.error:.1e} of "
-                f"the diameter): {error}; try refine='auto'"
+                f"the diameter): {error}; try --refine auto (refine='auto')"
             ) from None
-        degenerate = [
-            self._corner_of(corner.loop, corner.joint) for corner in corners if corner.kind == "degenerate"
-        ]
+        degenerate = [self._corner_of(corner.loop, corner.joint) for corner in corners if corner.kind == "degenerate"]
         return min((corner.bound for corner in corners), default=1.0), degenerate
 
     def _corner_of(self, loop: int, joint: int) -> tuple[int, int]:
@@ -311,11 +314,9 @@ class TransferPlan:
                     topology, nodes_per_degree=nodes_per_degree, extra_nodes=extra_nodes, excluded_corners=excluded
                 )
             # Symbolic work is kept, one optimizer a thread because it owns its buffers.
-            cache = self._thread.__dict__.setdefault("optimizers", {})
+            cache: dict[object, SplineOptimizer] = self._thread.__dict__.setdefault("optimizers", {})
             if key not in cache:
-                cache[key] = SplineOptimizer(
-                    topology, nodes_per_degree=nodes_per_degree, excluded_corners=excluded
-                )
+                cache[key] = SplineOptimizer(topology, nodes_per_degree=nodes_per_degree, excluded_corners=excluded)
             return cache[key]
 
         with clock("optimisation"):

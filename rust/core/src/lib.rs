@@ -10,6 +10,7 @@ pub mod injectivity;
 pub mod laplacian;
 pub mod local_global;
 pub mod optimizer;
+pub mod outline;
 pub mod quadrature;
 pub mod simple_loops;
 pub mod sparse;
