@@ -1,14 +1,15 @@
-"""Stage 4, background meshes: triangulations of the source's control points and of the target's boundary.
+"""Stage 4, background meshes: triangulate the source's control points and the target's boundary.
 
-Xu et al. 2023, §3.3.1. M_a is the constrained Delaunay triangulation (CDT) of all shared control points with the
-boundary control polygons as constraints; M_b that of the target's boundary control polygons with Steiner points.
+Xu et al. 2023, §3.3.1. M_a is the constrained Delaunay triangulation (CDT) of all shared control points with
+the boundary control polygons as constraints; M_b that of the target's boundary control polygons with Steiner
+points.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,7 +39,7 @@ class TriangleMesh:
     ----------
     points : (n, 2) array
     triangles : (m, 3) int array
-        Counter-clockwise.
+        Counter-clockwise. They tile the domain, unless `source_mesh` says otherwise.
     loops : tuple of int arrays
         Boundary vertices, loop by loop, the domain on the left.
     """
@@ -82,8 +83,11 @@ class TriangleMesh:
 def source_mesh(topology: Topology) -> tuple[TriangleMesh, list[str]]:
     """M_a: triangulate the shared control points of the source.
 
-    The CDT need not exist: control points of a perfectly good patch may lie outside the boundary control polygon,
-    and that polygon may cross itself. Then every cell of the control nets is split into two triangles instead.
+    The CDT need not exist: control points of a perfectly good patch may lie outside the boundary control
+    polygon, and that polygon may cross itself. Then every cell of the control nets is split into two
+    triangles instead. Some of those may be folded; they are turned counter-clockwise, so that a map preserves
+    orientation on such a face if its image is folded as the source is. Triangles overlap there, hence the
+    mesh's harmonic maps reproduce affine maps only approximately.
 
     Parameters
     ----------
@@ -94,12 +98,7 @@ def source_mesh(topology: Topology) -> tuple[TriangleMesh, list[str]]:
     mesh : TriangleMesh
         Vertex i is the shared control point i.
     warnings : list of str
-        Empty, or why the control nets were split instead of triangulated.
-
-    Raises
-    ------
-    InputError
-        When there is no CDT and the control net of a patch is folded as well; the message names patch and cell.
+        Empty, or why the control nets were split and where they are folded.
     """
     points = topology.coordinates
     loops = tuple(
@@ -116,19 +115,21 @@ def source_mesh(topology: Topology) -> tuple[TriangleMesh, list[str]]:
         message, _, involved = error.args
         where = "; ".join(f"point {i} = {_place(points[i])}" for i in involved)
         reason = f"{message} ({where})" if where else message
+    warnings = [
+        f"the control points have no constrained Delaunay triangulation: {reason}; the control nets are "
+        "split into triangles instead"
+    ]
     triangles, cells = _split_nets(topology)
-    flat = _degenerate(points, triangles)
-    if flat.any():
-        patch, i, j = cells[int(np.argmax(flat)) // 2]
-        raise InputError(
-            f"no mesh of the source's control points: no constrained Delaunay triangulation ({reason}), and the "
-            f"control net of patch {patch} is folded at cell ({i}, {j}); insert knots into the source or use "
-            'method="certified"'
+    double = _double_areas(points, triangles)
+    folded = double < 0
+    if folded.any():
+        patch, i, j = cells[int(np.argmax(folded)) // 2]
+        warnings.append(
+            f"{np.count_nonzero(folded)} of {len(triangles)} triangles of the split control nets are folded, "
+            f"first in cell ({i}, {j}) of patch {patch}; knot insertion into the source unfolds its net"
         )
-    warning = (
-        f"the control points have no constrained Delaunay triangulation: {reason}; control nets split instead"
-    )
-    return TriangleMesh(points, triangles, loops), [warning]
+        triangles[folded] = triangles[folded][:, ::-1]
+    return TriangleMesh(points, triangles[~_degenerate(points, triangles)], loops), warnings
 
 
 def target_mesh(
@@ -164,7 +165,7 @@ def target_mesh(
     if not polygons or any(p.ndim != 2 or p.shape[1] != 2 for p in polygons):
         raise InputError("target mesh: expected at least one polygon, each of shape (n, 2)")
     offsets = np.concatenate([[0], np.cumsum([len(p) for p in polygons])])
-    indices = [np.arange(a, b) for a, b in itertools.pairwise(offsets)]
+    indices = [np.arange(a, b) for a, b in pairwise(offsets)]
     corners = np.concatenate(polygons)
     try:
         points, triangles = _core.triangulate(corners, indices, min_angle, max_area)
@@ -196,7 +197,7 @@ def _boundary_loops(triangles: IntArray, starts: Sequence[int]) -> tuple[IntArra
 
 
 def _split_nets(topology: Topology) -> tuple[IntArray, list[tuple[int, int, int]]]:
-    """Two triangles a net cell, by the diagonal whose smaller triangle is larger, and (patch, i, j) of the cells."""
+    """Split cells along the diagonal whose smaller triangle is larger; also (patch, i, j) of the cells."""
     triangles, cells = [], []
     for k, net in enumerate(topology.points):
         corners = [net[:-1, :-1], net[1:, :-1], net[1:, 1:], net[:-1, 1:]]

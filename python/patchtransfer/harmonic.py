@@ -25,9 +25,9 @@ def mesh_harmonic_map(
 ) -> FloatArray:
     """Minimise the Dirichlet energy of a piecewise linear map under boundary values and linear constraints.
 
-    Xu et al. 2023, §3.3.2–3, Eq. 8–9. The paper asks for the boundary softly, by the term λ E_b, and alternates
-    between the map and its reverse; here the boundary values are exact, as they are in its later stages. With
-    exact values, and images inside the target, the alternation reduces to this single solve.
+    Xu et al. 2023, §3.3.2–3, Eq. 8–9. The paper asks for the boundary softly, by the term λ E_b, and
+    alternates between the map and its reverse; here the boundary values are exact, as they are in its later
+    stages. With exact values, and images inside the target, the alternation reduces to this single solve.
 
     Parameters
     ----------
@@ -41,8 +41,8 @@ def mesh_harmonic_map(
         Basis Z, of full column rank, of the displacements that the constraints B u = 0 leave to the other
         vertices (in increasing order); default all displacements.
     particular : (n - b, 2) array, optional
-        Images of the other vertices that satisfy the constraints together with the boundary values; default 0,
-        which is right when the constraints do not touch the boundary.
+        Images of the other vertices that satisfy the constraints together with the boundary values; default
+        0, which is right when the constraints do not touch the boundary.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def mesh_harmonic_map(
     indices, values = np.asarray(boundary_indices, np.int64), np.asarray(boundary_values, float)
     if values.shape != (len(indices), 2) or len(np.unique(indices)) != len(indices):
         raise InputError(
-            f"{len(indices)} distinct boundary vertices need values of shape ({len(indices)}, 2)"
+            f"boundary: expected {len(indices)} distinct vertices and as many values, got {values.shape}"
         )
     solver = mesh_solver(mesh, indices, null_space)
     free = np.setdiff1d(np.arange(len(mesh.points)), indices)
@@ -73,13 +73,11 @@ def mesh_harmonic_map(
 
 
 def mesh_solver(mesh: TriangleMesh, fixed: NDArray[np.int64], null_space: Any) -> _core.LocalGlobal:
-    """The factorized solver of a mesh with fixed vertices; `null_space` as in `mesh_harmonic_map`."""
+    """Factorize a mesh with fixed vertices once; `null_space` as in `mesh_harmonic_map`."""
     if null_space is None:
         arrays = None
     else:
-        z = csc_array(null_space)
-        # In a copy: both calls below reorder in place.
-        z = z.copy() if z is null_space else z
+        z = csc_array(null_space, copy=True)
         z.sum_duplicates()
         arrays = (z.data.astype(float), z.indices.astype(np.int64), z.indptr.astype(np.int64), z.shape)
     try:

@@ -72,8 +72,7 @@ impl FaceGeometry {
             });
             let double = edge[2][0] * -edge[1][1] + edge[2][1] * edge[1][0];
             let longest = edge.iter().map(|e| e[0] * e[0] + e[1] * e[1]).fold(0.0, f64::max);
-            // Written so that NaN fails too.
-            if !(double > DEGENERATE * longest) {
+            if double.is_nan() || double <= DEGENERATE * longest {
                 return Err(MeshError::DegenerateFace { face, area: double / 2.0 });
             }
             areas.push(double / 2.0);

@@ -221,8 +221,9 @@ impl LocalGlobal {
                 }
             }),
         }
-        self.cholesky.solve(&mut self.reduced);
-        let (x, y) = self.reduced.split_at(size);
+        // Both at once, column by column in any case, so that the bits do not depend on the threads.
+        let (x, y) = self.reduced.split_at_mut(size);
+        rayon::join(|| self.cholesky.solve(x), || self.cholesky.solve(y));
         for (i, &v) in self.free.iter().enumerate() {
             match &self.null_space {
                 None => {
@@ -242,8 +243,8 @@ impl LocalGlobal {
 }
 
 fn is_flip(j: [f64; 4]) -> bool {
-    // Written so that NaN counts.
-    !(j[0] * j[3] - j[1] * j[2] > 0.0)
+    let det = j[0] * j[3] - j[1] * j[2];
+    det.is_nan() || det <= 0.0
 }
 
 /// Every vertex must be connected to a fixed one, or the Laplacian is singular.

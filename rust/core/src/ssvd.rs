@@ -29,20 +29,28 @@ pub fn project(j: [f64; 4], k: f64) -> [f64; 4] {
     let (zr, zi, wr, wi) = (a + d, c - b, a - d, c + b);
     let (s2, t2) = (zr * zr + zi * zi, wr * wr + wi * wi);
     let (more, less) = (k + 1.0, k - 1.0);
-    if more * more * t2 <= less * less * s2 {
-        return j;
-    }
+    let inside = more * more * t2 <= less * less * s2;
     let st = (s2 * t2).sqrt();
-    let norm = 0.25 / (k * k + 1.0);
-    // 2|z|'/|z| and 2|w|'/|w| over a common denominator: one root and two divisions in all.
-    let (zr, zi, fw) = if st > 0.0 {
-        let fz = norm * more * (more * st + less * t2) / st;
-        (fz * zr, fz * zi, norm * less * (more * s2 + less * st) / st)
-    } else {
-        (norm * more * less * t2.sqrt(), 0.0, norm * less * less)
-    };
-    let (wr, wi) = (fw * wr, fw * wi);
-    [zr + wr, wi - zi, zi + wi, zr - wr]
+    if st == 0.0 && !inside {
+        return project_anticonformal(wr, wi, k);
+    }
+    // |z|'/2|z| and |w|'/2|w| over a common denominator, one root and one division in all. They are computed for
+    // matrices inside as well: selecting is cheaper than a branch that nobody can predict.
+    let q = 0.25 / ((k * k + 1.0) * st);
+    let fz = q * more * (more * st + less * t2);
+    let fw = q * less * (more * s2 + less * st);
+    let (zr, zi, wr, wi) = (fz * zr, fz * zi, fw * wr, fw * wi);
+    let h = [zr + wr, wi - zi, zi + wi, zr - wr];
+    [0, 1, 2, 3].map(|i| if inside { j[i] } else { h[i] })
+}
+
+/// The case z = 0 (or so small that its square vanishes), of 2w = (wr, wi).
+#[cold]
+fn project_anticonformal(wr: f64, wi: f64, k: f64) -> [f64; 4] {
+    let norm = 0.25 * (k - 1.0) / (k * k + 1.0);
+    let z = norm * (k + 1.0) * wr.hypot(wi);
+    let (wr, wi) = (norm * (k - 1.0) * wr, norm * (k - 1.0) * wi);
+    [z + wr, wi, wi, z - wr]
 }
 
 /// Project every matrix with its own bound. The slices must be equally long.

@@ -221,31 +221,29 @@ fn check_constraints(cdt: &Cdt, edges: &[[usize; 2]], points: &[[f64; 2]]) -> Re
 fn faces_inside(cdt: &Cdt) -> Vec<bool> {
     let mut depth = vec![u32::MAX; cdt.num_all_faces()];
     depth[cdt.outer_face().index()] = 0;
-    let mut queue = VecDeque::new();
-    let enter = |depth: &mut Vec<u32>,
-                 queue: &mut VecDeque<_>,
-                 edge: spade::handles::DirectedEdgeHandle<'_, Point2<f64>, (), _, ()>,
-                 level: u32| {
-        let next = level + u32::from(edge.as_undirected().is_constraint_edge());
-        let face = edge.face();
-        if face.as_inner().is_some() && next < depth[face.index()] {
-            depth[face.index()] = next;
-            // Crossing no constraint costs nothing: those faces come first.
-            if next == level { queue.push_front(edge.fix()) } else { queue.push_back(edge.fix()) }
-        }
-    };
-    for edge in cdt.convex_hull() {
-        let inner = if edge.is_outer_edge() { edge.rev() } else { edge };
-        enter(&mut depth, &mut queue, inner, 0);
-    }
+    // Edges as seen from a face already reached.
+    let mut queue: VecDeque<_> = cdt
+        .convex_hull()
+        .map(|edge| if edge.is_outer_edge() { edge.fix() } else { edge.rev().fix() })
+        .collect();
     while let Some(edge) = queue.pop_front() {
         let edge = cdt.directed_edge(edge);
-        let level = depth[edge.face().index()];
-        for e in [edge, edge.next(), edge.prev()] {
-            enter(&mut depth, &mut queue, e.rev(), level);
+        let constraint = edge.as_undirected().is_constraint_edge();
+        let level = depth[edge.face().index()] + u32::from(constraint);
+        let beyond = edge.rev();
+        if level < depth[beyond.face().index()] {
+            depth[beyond.face().index()] = level;
+            for next in [beyond.next(), beyond.prev()] {
+                // Faces without a constraint in between come first, so depths are final when they spread.
+                if next.as_undirected().is_constraint_edge() {
+                    queue.push_back(next.fix());
+                } else {
+                    queue.push_front(next.fix());
+                }
+            }
         }
     }
-    depth.into_iter().map(|d| d != u32::MAX && d % 2 == 1).collect()
+    depth.into_iter().map(|d| d % 2 == 1).collect()
 }
 
 fn check_nesting(cdt: &Cdt, loops: &[Vec<usize>], inside: &[bool]) -> Result<(), TriangulationError> {

@@ -23,6 +23,16 @@ create_exception!(
 type CscTuple<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>, (usize, usize));
 
+/// The same as handed over from Python.
+type CscReadonly<'py> =
+    (PyReadonlyArray1<'py, f64>, PyReadonlyArray1<'py, i64>, PyReadonlyArray1<'py, i64>, (usize, usize));
+
+/// `(points, triangles)`.
+type MeshTuple<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>);
+
+/// `(map, flips, energies)`.
+type IterateTuple<'py> = (Bound<'py, PyArray2<f64>>, Vec<usize>, Vec<f64>);
+
 fn index(value: i64) -> PyResult<usize> {
     usize::try_from(value).map_err(|_| PyValueError::new_err(format!("index {value} is negative")))
 }
@@ -76,7 +86,7 @@ fn triangulate<'py>(
     loops: Vec<PyReadonlyArray1<'py, i64>>,
     min_angle: Option<f64>,
     max_area: Option<f64>,
-) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>)> {
+) -> PyResult<MeshTuple<'py>> {
     let points = points2(&points)?;
     let loops: Vec<Vec<usize>> = loops.iter().map(indices).collect::<PyResult<_>>()?;
     let refinement = (min_angle.is_some() || max_area.is_some())
@@ -152,7 +162,7 @@ impl LocalGlobal {
 
 #[pymethods]
 impl LocalGlobal {
-    /// `null_space` is `(data, indices, indptr, n_columns)` of a matrix in compressed sorted columns, one row for
+    /// `null_space` is `(data, indices, indptr, shape)` of a matrix in compressed sorted columns, one row for
     /// each free vertex.
     #[new]
     #[pyo3(signature = (points, triangles, fixed, null_space=None))]
@@ -161,12 +171,7 @@ impl LocalGlobal {
         points: PyReadonlyArray2<'_, f64>,
         triangles: PyReadonlyArray2<'_, i64>,
         fixed: PyReadonlyArray1<'_, i64>,
-        null_space: Option<(
-            PyReadonlyArray1<'_, f64>,
-            PyReadonlyArray1<'_, i64>,
-            PyReadonlyArray1<'_, i64>,
-            (usize, usize),
-        )>,
+        null_space: Option<CscReadonly<'_>>,
     ) -> PyResult<Self> {
         let (points, triangles) = (points2(&points)?, triangles3(&triangles)?);
         let fixed = indices(&fixed)?;
@@ -199,7 +204,6 @@ impl LocalGlobal {
     }
 
     /// Local–global steps from a feasible map: (map, flips, energies), the lists with the initial value first.
-    #[allow(clippy::type_complexity, reason = "a tuple for Python")]
     fn iterate<'py>(
         &mut self,
         py: Python<'py>,
@@ -207,7 +211,7 @@ impl LocalGlobal {
         k: PyReadonlyArray1<'py, f64>,
         iterations: usize,
         tolerance: f64,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Vec<usize>, Vec<f64>)> {
+    ) -> PyResult<IterateTuple<'py>> {
         let mut u = self.positions(&u)?;
         let k = bounds(&k, self.0.n_faces())?;
         let mut interrupt = Ok(());
