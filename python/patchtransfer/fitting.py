@@ -39,6 +39,8 @@ LEVEL_ABOVE = 0.4
 LEVELLING, PATIENCE, IMPROVEMENT = 40, 6, 0.01
 #: A tangent turns by at most this angle in one step, and never gets shorter than this part of the mean leg.
 MAX_TURN, SHORTEST_LEG = 0.1, 0.05
+#: At a corner a leg may stray from the target's tangent by this angle before it is put on it.
+MAX_STRAY = np.radians(25.0)
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,9 @@ def _add_side(
     lengths = fractions if uniform else loop.to_target(loop.source.arc_length(i, t))
     # The joint's point is evaluated at one and the same arc length for both curves that meet there.
     ends = loop.target.point(np.array([joints[i], joints[(i + 1) % len(loop.source.curves)]]))
-    group.rows.append((loop.target, lengths, ends))
+    near = 1e-9 * loop.target.length
+    tangents = np.stack([loop.target.tangent(joints[i] + near), loop.target.tangent(joints[i + 1] - near, True)])
+    group.rows.append((loop.target, lengths, ends, tangents))
     return group, len(group.rows) - 1
 
 
@@ -162,7 +166,7 @@ class _Group:
     """Sides with the same degree and knots, fitted together; arrays have one row a side."""
 
     basis: FloatArray
-    rows: list[tuple[Outline, FloatArray, FloatArray]] = field(default_factory=list)
+    rows: list[tuple[Outline, FloatArray, FloatArray, FloatArray]] = field(default_factory=list)
     control: FloatArray = field(init=False)
     across: FloatArray = field(init=False)
 
@@ -174,6 +178,7 @@ class _Group:
             self.outlines.append((outline, [i for i, row in enumerate(self.rows) if row[0] is outline]))
         self.lengths = np.array([row[1] for row in self.rows])
         self.ends = np.array([row[2] for row in self.rows])
+        self.corner_tangents = np.array([row[3] for row in self.rows])
         self.weights = np.ones((g, len(self.basis) - 2))
         inner = self.basis[1:-1, 1:-1]
         m = inner.shape[1]
@@ -201,6 +206,17 @@ class _Group:
 
     def _errors(self) -> FloatArray:
         return np.asarray(np.linalg.norm(self.basis @ self.control - self.target, axis=2).max(axis=1))
+
+    def hold_ends(self) -> None:
+        """Put a free leg that strays far from the target's tangent at a corner on that tangent."""
+        if self.right.shape[1] <= 2:
+            return
+        for end, direction in ((0, 1.0), (1, -1.0)):
+            leg = direction * (self.control[:, 1 if end == 0 else -2] - self.ends[:, end])
+            along = (leg * self.corner_tangents[:, end]).sum(axis=1)
+            stray = ~self.on_line[:, end] & (along < np.cos(MAX_STRAY) * np.linalg.norm(leg, axis=1))
+            for row in np.flatnonzero(stray):
+                self.set_axis(int(row), end, self.corner_tangents[row, end])
 
     def foot_errors(self) -> FloatArray:
         """Largest distance of the curve's points from the target, to first order: without the part along it."""
@@ -337,8 +353,10 @@ def _iterate(groups: list[_Group], joints: list[_Joint], level_above: float) -> 
             _turn(groups, joints)
         for group in groups:
             group.solve()
-        if joints and step < FREE_STEPS:
+        if step < FREE_STEPS:
             continue
+        for group in groups:
+            group.hold_ends()
         change = max(float(np.abs(g.control - b).max()) for g, b in zip(groups, before, strict=True))
         for group in groups:
             group.error = group.foot_errors()
