@@ -159,8 +159,15 @@ class MultiPatch:
 
     def with_control_points(self, control_points: Sequence[FloatArray]) -> MultiPatch:
         """The same topology, degrees and knots with other control points, one (n_u, n_v, 2) array a patch."""
-        patches = [p.with_control_points(c) for p, c in zip(self.patches, control_points, strict=True)]
-        return MultiPatch(patches, self.interfaces, self.ids)
+        from .topology import check_interfaces
+
+        patches = tuple(p.with_control_points(c) for p, c in zip(self.patches, control_points, strict=True))
+        check_interfaces(patches, self.interfaces)
+        moved = object.__new__(MultiPatch)
+        for name, value in (("patches", patches), ("interfaces", self.interfaces), ("ids", self.ids)):
+            object.__setattr__(moved, name, value)
+        moved.__dict__["topology"] = self.topology.moved(patches)
+        return moved
 
     def boundary(self) -> Boundary:
         """The boundary curves, loop by loop, the domain on their left."""

@@ -125,7 +125,7 @@ def register(
         On landmarks off the curves, out of order, or on loops that do not correspond.
     """
     source_loops = [Outline(loop) for loop in source]
-    target_loops = [_domain_left(loop, k) for k, loop in enumerate(_outer_first(target))]
+    target_loops = _outlines(target)
     if len(source_loops) != len(target_loops):
         raise InfeasibleTargetError(
             f"the source has {len(source_loops) - 1} holes and the target {len(target_loops) - 1}: "
@@ -155,16 +155,13 @@ def register(
     return Registration(tuple(loops), tuple(warnings))
 
 
-def _outer_first(target: Boundary) -> list[tuple[BSplineCurve, ...]]:
-    return sorted(target.loops, key=lambda loop: -abs(Outline(loop).area))
-
-
-def _domain_left(loop: Sequence[BSplineCurve], k: int) -> Outline:
-    """Outer loop counter-clockwise, holes clockwise."""
-    outline = Outline(loop)
-    if (outline.area > 0) == (k == 0):
-        return outline
-    return Outline([curve.reversed() for curve in reversed(loop)])
+def _outlines(target: Boundary) -> list[Outline]:
+    """Outlines of the target, largest area first, turned so that the domain is on the left."""
+    outlines = sorted((Outline(loop) for loop in target.loops), key=lambda outline: -abs(outline.area))
+    return [
+        outline if (outline.area > 0) == (k == 0) else Outline([c.reversed() for c in reversed(outline.curves)])
+        for k, outline in enumerate(outlines)
+    ]
 
 
 def _read_landmarks(landmarks: ArrayLike | None) -> FloatArray:

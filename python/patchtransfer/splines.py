@@ -59,9 +59,8 @@ def check_knots(knots: FloatArray, degree: int, count: int, what: str) -> None:
         raise InputError(f"{what}: knot vector is not clamped (end knots must be repeated {degree + 1} times)")
     if knots[0] == knots[-1]:
         raise InputError(f"{what}: knot vector spans nothing")
-    _, multiplicity = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
-    inner = knots[degree + 1 : -degree - 1]
-    if len(inner) and (inner[0] == knots[0] or inner[-1] == knots[-1] or multiplicity.max() > degree):
+    inner = knots[1:-1]
+    if (inner[degree:] == inner[:-degree]).any():
         raise InputError(f"{what}: an interior knot has a multiplicity above the degree {degree} (a jump)")
 
 
@@ -344,7 +343,14 @@ class Patch:
 
     def with_control_points(self, control_points: ArrayLike) -> Patch:
         """The patch with the same degrees, knots and weights and other control points."""
-        return Patch(self.knots, self.degrees, control_points, self.weights)
+        points = frozen_array(control_points, "patch control points")
+        if points.shape != self.control_points.shape:
+            raise InputError(f"patch control points must keep their shape {self.control_points.shape}, got {points.shape}")
+        # Knots and weights are immutable and checked already.
+        patch = object.__new__(Patch)
+        for name, value in (*self.__dict__.items(), ("control_points", points)):
+            object.__setattr__(patch, name, value)
+        return patch
 
     def grid(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> FloatArray:
         """Derivative of order (du, dv), each 0 or 1, on the grid `u` x `v`, shape (len(u), len(v), 2)."""

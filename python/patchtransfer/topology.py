@@ -179,6 +179,19 @@ class Topology:
         glued = {(f.patch_a, f.side_a) for f in self.interfaces} | {(f.patch_b, f.side_b) for f in self.interfaces}
         self.boundaries = tuple((k, s) for k in range(len(self.patches)) for s in Side if (k, s) not in glued)
 
+    def moved(self, patches: tuple[Patch, ...]) -> Topology:
+        """The topology of patches with the same shapes and interfaces and other control points."""
+        other = object.__new__(Topology)
+        other.patches, other.interfaces = patches, self.interfaces
+        other.points, other.n_points, other.boundaries = self.points, self.n_points, self.boundaries
+        other.orientation = np.array([1 if signed_area(p) >= 0 else -1 for p in patches])
+        combinatorial = ["boundary_points", "interior_points", "n_components", "vertices", "chords"]
+        # Loops are traversed by orientation, and ordered by area, so they carry over only with both.
+        if (other.orientation == self.orientation).all() and len(self.__dict__.get("loops", ())) == 1:
+            combinatorial.append("loops")
+        other.__dict__.update({name: self.__dict__[name] for name in combinatorial if name in self.__dict__})
+        return other
+
     def _identify(self) -> tuple[list[IntArray], int]:
         sizes = [p.shape[0] * p.shape[1] for p in self.patches]
         offsets = np.concatenate([[0], np.cumsum(sizes)])
