@@ -55,7 +55,7 @@ class Cell:
     bounds : tuple of float
         (u0, u1, v0, v1).
     point : tuple of float
-        The corner (u, v) of the cell with the smallest det J.
+        The corner (u, v) of the cell with the smallest det J; at a knot, its limit from inside the cell.
     value : float
         det J at `point` relative to the patch's mean det J.
     """
@@ -228,7 +228,10 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
         positive.append(sign_agrees and all(cell.kind == "degenerate" for cell in here))
         if not sign_agrees:
             findings.append(
-                ("undecided", f"patch {k}: area and control polygon differ in sign; insert knots on its sides")
+                (
+                    "undecided",
+                    f"patch {k}: area and control polygon differ in sign; insert knots on its sides",
+                )
             )
     findings += _gluing(multipatch, positive)
     boundary, verdicts = _boundary(multipatch)
@@ -273,12 +276,16 @@ def _gluing(multipatch: MultiPatch, positive: Sequence[bool]) -> list[tuple[str,
     topology, patches = multipatch.topology, multipatch.patches
     findings = []
     for f in multipatch.interfaces:
-        name = f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
+        name = (
+            f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
+        )
         a = topology.directed_side(f.patch_a, f.side_a).reversed
         b = topology.directed_side(f.patch_b, f.side_b).reversed
         if (a != b) == f.reversed:
             kind = "folded" if positive[f.patch_a] and positive[f.patch_b] else "undecided"
-            findings.append((kind, f"{name}: the patches lie on the same side of it, one folds back on the other"))
+            findings.append(
+                (kind, f"{name}: the patches lie on the same side of it, one folds back on the other")
+            )
         for what, gap in _gaps(multipatch, f):
             findings.append(
                 (
@@ -345,7 +352,11 @@ def check_boundary(loops: Iterable[Iterable[BSplineCurve]]) -> BoundaryReport:
             reasons.append(f"boundary loop {k}: its sense or nesting could not be decided")
         elif sense != (1 if len(outer) % 2 == 0 else -1):
             wrong = True
-            which = f"inside loop{'s' if len(outer) > 1 else ''} {', '.join(map(str, outer))}" if outer else "outside"
+            which = (
+                f"inside loop{'s' if len(outer) > 1 else ''} {', '.join(map(str, outer))}"
+                if outer
+                else "outside"
+            )
             sense_name = "counter-clockwise" if sense > 0 else "clockwise"
             reasons.append(f"boundary loop {k} lies {which} but runs {sense_name}: the map covers itself")
     simple: bool | None = None if reasons else True
