@@ -92,21 +92,15 @@ def test_negative_coefficient_of_a_positive_determinant_needs_subdivision():
     assert "raise max_depth" in shallow.reasons[0]
 
 
-def tiny_fold(depth):
-    """det J = 1 + k((2u - 2/3)² + (2v - 0.6)²...) shifted so that its minimum is `depth`, off every dyadic grid."""
-    knots = BEZIER[3]
-    # X = x(u) with x' = depth/2 + (u - 1/3)², y' likewise in v: det = product; its minimum is (depth/2)².
-    shift = depth
+def tiny_fold(low):
+    """(x(u), y(v)) with x' = low + (u - 1/3)² and y' = 1e-3 + (v - 0.3)²: minimum off dyadic grids."""
 
-    def integral(c, low):
-        # Power to Bernstein of ∫ low + (t - c)².
-        a = np.array([0.0, low + c * c, -c, 1 / 3])
-        return np.array(
-            [sum(math.comb(i, k) / math.comb(3, k) * a[k] for k in range(i + 1)) for i in range(4)]
-        )
+    def integral(low, c):
+        power = [0.0, low + c * c, -c, 1 / 3]
+        return [sum(math.comb(i, k) / math.comb(3, k) * power[k] for k in range(i + 1)) for i in range(4)]
 
-    x, y = integral(1 / 3, shift), integral(0.3, 1e-3)
-    return Patch((knots, knots), (3, 3), np.stack(np.meshgrid(x, y, indexing="ij"), -1))
+    points = np.stack(np.meshgrid(integral(low, 1 / 3), integral(1e-3, 0.3), indexing="ij"), -1)
+    return Patch((BEZIER[3], BEZIER[3]), (3, 3), points)
 
 
 @pytest.mark.parametrize("low", [1e-8, 1e-6])
@@ -124,7 +118,7 @@ def test_folds_below_any_sampling_grid_are_found(low):
 
 
 def test_dragged_control_point_by_bisection():
-    """Drag one inner control point until det J just changes sign inside; both sides of the threshold are decided."""
+    """Drag an inner control point until det J just changes sign; both sides of the threshold are decided."""
 
     def patch(t):
         p = square(3, (0.3, 0.7))
@@ -251,7 +245,7 @@ def test_reversed_interface_with_rounded_knots_is_conforming():
     inner = (0.1, 0.3, 0.7)
     a = square(2, inner)
     u, v = a.knots
-    right = a.control_points + [1.0, 0.0]
+    right = a.control_points + np.array([1.0, 0.0])
     right[0] = a.control_points[-1]
     b = Patch((u, v), (2, 2), right)
     flipped = Patch((u, (v[0] + v[-1]) - v[::-1]), (2, 2), right[:, ::-1])

@@ -1,9 +1,9 @@
 """Stage 3, feasibility: whether boundary curves admit an injective parameterization with a given topology.
 
-Two necessary conditions that depend on the boundary alone. The loops must be simple, disjoint and nested as the
-boundary of one connected domain. And where a single patch fills a corner, its tangents there are those of the
-boundary, so that its scaled Jacobian is sin(interior angle) whatever happens inside: negative above 180°, zero at
-180°, and an upper bound of the result's minimum below.
+Two necessary conditions that depend on the boundary alone. The loops must be simple, disjoint and nested as
+the boundary of one connected domain. And where a single patch fills a corner, its tangents there are those of
+the boundary, so that its scaled Jacobian is sin(interior angle) whatever happens inside: negative above 180°,
+zero at 180°, and an upper bound of the result's minimum below.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def check_loops(boundary_loops: Sequence[Sequence[BSplineCurve]], what: str) -> 
     Raises
     ------
     InfeasibleTargetError
-        When loops are proved to cross themselves or each other, or are nested wrongly; the message names loops,
-        curves and point.
+        When loops are proved to cross themselves or each other, or are nested wrongly; the message names
+        loops, curves and point.
     """
     report = check_boundary(boundary_loops)
     for meeting in report.crossings:
@@ -84,8 +84,8 @@ def check_loops(boundary_loops: Sequence[Sequence[BSplineCurve]], what: str) -> 
     outer = [k for k, around in enumerate(known) if not around]
     for k in outer[1:]:
         raise InfeasibleTargetError(
-            f"{what}: loop {k} lies outside the outer loop {outer[0]}; one connected domain has one outer loop "
-            "and its holes inside it"
+            f"{what}: loop {k} lies outside the outer loop {outer[0]}; one connected domain has one outer "
+            "loop and its holes inside it"
         )
     for k, around in enumerate(known):
         if len(around) > 1:
@@ -180,8 +180,8 @@ def check_corners(
         more = f" (and {len(infeasible) - 1} more)" if len(infeasible) > 1 else ""
         x, y = worst.point
         raise InfeasibleTargetError(
-            f"{what}: loop {worst.loop}, joint {worst.joint} at ({x:.6g}, {y:.6g}): one patch would have to fill an "
-            f"interior angle of {worst.angle:.4g}°{more}; a patch corner needs an interior angle below 180 degrees; "
-            "use a source with two patches here, or move the landmark"
+            f"{what}: loop {worst.loop}, joint {worst.joint} at ({x:.6g}, {y:.6g}): one patch would have to "
+            f"fill an interior angle of {worst.angle:.4g}°{more}; a patch corner needs an interior angle "
+            "below 180 degrees; use a source with two patches here, or move the landmark"
         )
     return corners
