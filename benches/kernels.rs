@@ -1,9 +1,14 @@
 //! Criterion benches of the core's kernels: `cargo bench -p patchtransfer-core`.
 use criterion::{Criterion, criterion_group, criterion_main};
+<<<<<<< HEAD
 use patchtransfer_core::local_global::LocalGlobal;
 use patchtransfer_core::spline::bezier_extract;
 use patchtransfer_core::ssvd;
 use patchtransfer_core::triangulation::triangulate;
+=======
+use patchtransfer_core::injectivity::{Limits, certify_patch};
+use patchtransfer_core::spline::{SplinePatch, bezier_extract};
+>>>>>>> c7c5aa5e4c6345d49856ce16612153d936143460
 
 fn extraction(c: &mut Criterion) {
     let knots: Vec<f64> = [0.0; 3].into_iter().chain((0..=100).map(f64::from)).chain([100.0; 3]).collect();
@@ -11,6 +16,7 @@ fn extraction(c: &mut Criterion) {
     c.bench_function("bezier_extract/100 cubic spans", |b| b.iter(|| bezier_extract(&knots, 3, &points)));
 }
 
+<<<<<<< HEAD
 /// Reused buffers on both sides: page faults of fresh ones would cost more than either kernel.
 fn projection(c: &mut Criterion) {
     let n = 1_000_000;
@@ -66,4 +72,21 @@ criterion_group! {
     config = Criterion::default().sample_size(20);
     targets = extraction, projection, mesh
 }
+=======
+fn certificate(c: &mut Criterion) {
+    let n = 100;
+    let knots: Vec<f64> =
+        [0.0; 3].into_iter().chain((0..=n).map(f64::from)).chain([f64::from(n); 3]).collect();
+    let m = n as usize + 3;
+    let points = (0..m * m).map(|k| ((k / m) as f64, (k % m) as f64));
+    let points = points.map(|(u, v)| [u + (0.1 * v).sin(), v + (0.1 * u).cos()]).collect();
+    let patch =
+        SplinePatch { degrees: [3, 3], knots: [knots.clone(), knots], shape: [m, m], points, weights: None };
+    c.bench_function("certify_patch/10000 bicubic spans", |b| {
+        b.iter(|| certify_patch(&patch, 1.0, &Limits::default()))
+    });
+}
+
+criterion_group!(benches, extraction, certificate);
+>>>>>>> c7c5aa5e4c6345d49856ce16612153d936143460
 criterion_main!(benches);

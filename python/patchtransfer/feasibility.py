@@ -1,9 +1,9 @@
 """Stage 3, feasibility: whether boundary curves admit an injective parameterization with a given topology.
 
-Two necessary conditions that depend on the boundary alone. The loops must be simple, disjoint and nested as the
-boundary of one connected domain. And where a single patch fills a corner, its tangents there are those of the
-boundary, so that its scaled Jacobian is sin(interior angle) whatever happens inside: negative above 180°, zero at
-180°, and an upper bound of the result's minimum below.
+Two necessary conditions that depend on the boundary alone. The loops must be simple, disjoint and nested as
+the boundary of one connected domain. And where a single patch fills a corner, its tangents there are those of
+the boundary, so that its scaled Jacobian is sin(interior angle) whatever happens inside: negative above 180°,
+zero at 180°, and an upper bound of the result's minimum below.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def check_loops(boundary_loops: Sequence[Sequence[BSplineCurve]], what: str) -> 
     Raises
     ------
     InfeasibleTargetError
-        When loops are proved to cross themselves or each other, or are nested wrongly; the message names loops,
-        curves and point.
+        When loops are proved to cross themselves or each other, or are nested wrongly; the message names
+        loops, curves and point.
     """
     report = check_boundary(boundary_loops)
     for meeting in report.crossings:
@@ -84,13 +84,15 @@ def check_loops(boundary_loops: Sequence[Sequence[BSplineCurve]], what: str) -> 
     outer = [k for k, around in enumerate(known) if not around]
     for k in outer[1:]:
         raise InfeasibleTargetError(
-            f"{what}: loop {k} lies outside the outer loop {outer[0]}; one connected domain has one outer loop "
-            "and its holes inside it"
+            f"{what}: loop {k} lies outside the outer loop {outer[0]}; one connected domain has one outer "
+            "loop and its holes inside it"
         )
     for k, around in enumerate(known):
         if len(around) > 1:
             hole = next(m for m in around if m not in outer)
-            raise InfeasibleTargetError(f"{what}: loop {k} lies inside the hole that loop {hole} bounds; remove one")
+            raise InfeasibleTargetError(
+                f"{what}: loop {k} lies inside the hole that loop {hole} bounds; remove one"
+            )
     return warnings
 
 
@@ -125,7 +127,9 @@ def _corner(k: int, i: int, before: BSplineCurve, after: BSplineCurve, single: b
     lengths = np.array([np.hypot(*arriving), np.hypot(*leaving)])
     point = (float(after.start[0]), float(after.start[1]))
     if not lengths.all():
-        return Corner(k, i, point, float("nan"), single, "degenerate" if single else "free", 0.0 if single else 1.0)
+        return Corner(
+            k, i, point, float("nan"), single, "degenerate" if single else "free", 0.0 if single else 1.0
+        )
     (a, b), (c, d) = arriving / lengths[0], leaving / lengths[1]
     sine, cosine = float(a * d - b * c), float(a * c + b * d)
     # The boundary turns left by the exterior angle; what is left of 180° lies inside.
@@ -176,9 +180,9 @@ def check_corners(
         more = f" (and {len(infeasible) - 1} more)" if len(infeasible) > 1 else ""
         x, y = worst.point
         raise InfeasibleTargetError(
-            f"{what}: loop {worst.loop}, joint {worst.joint} at ({x:.6g}, {y:.6g}): one patch would have to fill an "
-            f"interior angle of {worst.angle:.4g}°{more}; a patch corner needs an interior angle below 180 degrees; "
-            "use a source with two patches here, or move the landmark"
+            f"{what}: loop {worst.loop}, joint {worst.joint} at ({x:.6g}, {y:.6g}): one patch would have to "
+            f"fill an interior angle of {worst.angle:.4g}°{more}; a patch corner needs an interior angle "
+            "below 180 degrees; use a source with two patches here, or move the landmark"
         )
     return corners
 

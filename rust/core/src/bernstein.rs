@@ -15,7 +15,7 @@ pub const SLACK: f64 = 1.01;
 pub const TINY: f64 = 1e-290;
 /// Knots are only known to within this many units of roundoff of the largest one: two patches may write the same
 /// spline with knots reversed, and a proof must hold for either.
-pub const KNOT_ULPS: f64 = 16.0;
+pub const KNOT_ULPS: f64 = 4.0;
 /// Largest degree of a product: up to here all binomial coefficients are exact in `f64`.
 pub const MAX_DEGREE: usize = 56;
 

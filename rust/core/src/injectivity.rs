@@ -116,7 +116,7 @@ impl Work {
         let mut open = false;
         for (c, &at) in corners.iter().enumerate() {
             let value = self.det.coefs[at];
-            if self.patch_corners >> c & 1 == 1 && value.abs() <= self.corner_tolerance {
+            if self.patch_corners >> c & 1 == 1 && value.abs() <= self.corner_tolerance.max(err) {
                 // Two degenerate corners in one cell: subdivision separates them.
                 open |= degenerate.replace(c).is_some();
             } else if value < -err {
@@ -338,8 +338,10 @@ impl<'a> Jacobian<'a> {
         let zero = 2.0 * (d0 * (mu * wv + mv * wu) + du * (m * wv + mv * w) + dv * (m * wu + mu * w));
 
         let polynomial = h.into_iter().nth(2).expect("three components");
-        let low = polynomial.coefs.iter().copied().fold(f64::INFINITY, f64::min) - polynomial.err;
-        let high = polynomial.magnitude() + polynomial.err;
+        let rows = (0..=eu.degree).map(|a| (i0 + a) * width + j0);
+        let weights = rows.flat_map(|k| &self.weights[k..=k + ev.degree]);
+        let (low, high) =
+            weights.fold((f64::INFINITY, 0.0), |(lo, hi), &w| (f64::min(lo, w), f64::max(hi, w)));
         let bounds = [ends[0][0], ends[0][1], ends[1][0], ends[1][1]];
         (det, zero, Some(Arc::new(Weight { polynomial, bounds, low, high })))
     }

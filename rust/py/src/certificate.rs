@@ -9,13 +9,13 @@ use pyo3::prelude::*;
 use crate::convert::{CurveTuple, PatchTuple, curve, patch};
 
 /// `(kind, (u0, u1, v0, v1), (u, v), value)`.
-type CellTuple = (&'static str, [f64; 4], [f64; 2], f64);
+type CellTuple = (&'static str, (f64, f64, f64, f64), (f64, f64), f64);
 /// `(lower_bound, sign_agrees, subdivisions, cells)`.
 type ProofTuple = (f64, bool, usize, Vec<CellTuple>);
 /// `(loop, curve, t)`.
 type PlaceTuple = (usize, usize, f64);
 /// `(kind, place, place, point)`.
-type MeetingTuple = (&'static str, PlaceTuple, PlaceTuple, [f64; 2]);
+type MeetingTuple = (&'static str, PlaceTuple, PlaceTuple, (f64, f64));
 /// `(meetings, orientation, around, gap, arcs)`.
 type LoopsTuple = (Vec<MeetingTuple>, Vec<i8>, Vec<Option<Vec<usize>>>, f64, usize);
 
@@ -44,7 +44,11 @@ fn certify_patches(
     Ok(proofs
         .into_iter()
         .map(|proof| {
-            let cells = proof.cells.iter().map(|c| (kind(c.kind), c.bounds, c.point, c.value)).collect();
+            let cells = proof
+                .cells
+                .iter()
+                .map(|c| (kind(c.kind), c.bounds.into(), c.point.into(), c.value))
+                .collect();
             (proof.lower_bound, proof.sign_agrees, proof.subdivisions, cells)
         })
         .collect())
@@ -67,7 +71,8 @@ fn certify_loops(py: Python<'_>, loops: Vec<Vec<CurveTuple<'_>>>) -> PyResult<Lo
         MeetingKind::Cusp => "cusp",
     };
     let place = |p: Place| (p.loop_index, p.curve, p.t);
-    let meetings = proof.meetings.iter().map(|m| (kind(m.kind), place(m.a), place(m.b), m.point)).collect();
+    let meetings =
+        proof.meetings.iter().map(|m| (kind(m.kind), place(m.a), place(m.b), m.point.into())).collect();
     Ok((meetings, proof.orientation, proof.around, proof.gap, proof.arcs))
 }
 
