@@ -1,14 +1,13 @@
 //! Criterion benches of the core's kernels: `cargo bench -p patchtransfer-core`.
 use criterion::{Criterion, criterion_group, criterion_main};
-<<<<<<< HEAD
 use patchtransfer_core::local_global::LocalGlobal;
-use patchtransfer_core::spline::bezier_extract;
+use patchtransfer_core::optimizer::{Settings, SplineOptimizer};
 use patchtransfer_core::ssvd;
 use patchtransfer_core::triangulation::triangulate;
-=======
+use std::ops::ControlFlow;
+use patchtransfer_core::elements::Elements;
 use patchtransfer_core::injectivity::{Limits, certify_patch};
 use patchtransfer_core::spline::{SplinePatch, bezier_extract};
->>>>>>> c7c5aa5e4c6345d49856ce16612153d936143460
 
 fn extraction(c: &mut Criterion) {
     let knots: Vec<f64> = [0.0; 3].into_iter().chain((0..=100).map(f64::from)).chain([100.0; 3]).collect();
@@ -16,7 +15,6 @@ fn extraction(c: &mut Criterion) {
     c.bench_function("bezier_extract/100 cubic spans", |b| b.iter(|| bezier_extract(&knots, 3, &points)));
 }
 
-<<<<<<< HEAD
 /// Reused buffers on both sides: page faults of fresh ones would cost more than either kernel.
 fn projection(c: &mut Criterion) {
     let n = 1_000_000;
@@ -67,12 +65,6 @@ fn mesh(c: &mut Criterion) {
     });
 }
 
-criterion_group! {
-    name = benches;
-    config = Criterion::default().sample_size(20);
-    targets = extraction, projection, mesh
-}
-=======
 fn certificate(c: &mut Criterion) {
     let n = 100;
     let knots: Vec<f64> =
@@ -87,6 +79,35 @@ fn certificate(c: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, extraction, certificate);
->>>>>>> c7c5aa5e4c6345d49856ce16612153d936143460
+/// A bicubic square of n² spans, bent; from the harmonic map to the optimum.
+fn optimisation(c: &mut Criterion) {
+    for n in [8_u32, 32] {
+        let size = n as usize + 3;
+        let knots: Vec<f64> =
+            [0.0; 3].into_iter().chain((0..=n).map(f64::from)).chain([f64::from(n); 3]).collect();
+        let greville: Vec<f64> = (0..size).map(|i| knots[i + 1..i + 4].iter().sum::<f64>() / 3.0 / f64::from(n)).collect();
+        let at = |k: usize| [greville[k / size], greville[k % size]];
+        let points: Vec<[f64; 2]> = (0..size * size).map(at).collect();
+        let inner = |i: usize| i > 0 && i + 1 < size;
+        let free: Vec<usize> = (0..size * size).filter(|k| inner(k / size) && inner(k % size)).collect();
+        let bent: Vec<[f64; 2]> = points.iter().map(|[x, y]| [(1.5 - y) * x.sin(), (1.5 - y) * x.cos()]).collect();
+        let patch = SplinePatch { degrees: [3, 3], knots: [knots.clone(), knots], shape: [size, size], points, weights: None };
+        let indices = vec![(0..(size * size) as u32).collect()];
+        let elements = Elements::new(&[patch], &indices, |p| 2 * p + 1, &[], &[]).unwrap();
+        let mut optimizer = SplineOptimizer::new(elements, size * size, free.clone(), None).unwrap();
+        let start = optimizer.harmonic(&bent).unwrap();
+        c.bench_function(&format!("spline harmonic map/{} unknown points", free.len()), |b| {
+            b.iter(|| optimizer.harmonic(&bent).unwrap())
+        });
+        c.bench_function(&format!("spline optimiser/{} unknown points", free.len()), |b| {
+            b.iter(|| optimizer.minimise(&start, Settings::default(), |_| ControlFlow::Continue(())).unwrap())
+        });
+    }
+}
+
+criterion_group! {
+    name = benches;
+    config = Criterion::default().sample_size(20);
+    targets = extraction, projection, mesh, certificate, optimisation
+}
 criterion_main!(benches);

@@ -142,7 +142,8 @@ class Certificate:
     cells : tuple of Cell
         Failing or degenerate places, at most 32 of a kind and patch, worst first.
     reasons : tuple of str
-        Why the status is not "certified", one line each.
+        Why the status is not "certified", one line each; and what was assumed of interfaces whose sides differ by
+        rounding.
     boundary : BoundaryReport
     subdivisions : int
         Number of cells examined beyond the patches' Bézier pieces.
@@ -216,6 +217,7 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
     for k, patch in enumerate(multipatch.patches):
         if max(patch.degrees) > MAX_DEGREE:
             raise InputError(f"patch {k}: degrees {patch.degrees} exceed {MAX_DEGREE}, the largest certified")
+    multipatch, notes = _weld(multipatch)
     topology = multipatch.topology
     proofs = _core.certify_patches(
         [(*p.knots, *p.degrees, p.control_points, p.weights) for p in multipatch.patches],
@@ -247,10 +249,34 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
         status=status,
         lower_bound=min(proof[0] for proof in proofs),
         cells=tuple(cells),
-        reasons=_shorten([text for _, text in ordered]),
+        reasons=_shorten([*(text for _, text in ordered), *notes]),
         boundary=boundary,
         subdivisions=sum(proof[2] for proof in proofs),
     )
+
+
+def _weld(multipatch: MultiPatch) -> tuple[MultiPatch, list[str]]:
+    """Take the mean of both sides' control points where they differ by rounding only, and say so.
+
+    Programs that evaluate or transform the sides of an interface one by one write such files; a rewritten model has
+    one number for both.
+    """
+    if multipatch.is_rational:
+        return multipatch, []
+    topology, notes = multipatch.topology, []
+    largest = float(np.abs(topology.coordinates).max())
+    for f in multipatch.interfaces:
+        gap = max((size for what, size in _gaps(multipatch, f) if what == "control points"), default=0.0)
+        if gap > WELD_ULPS * np.finfo(float).eps * largest:
+            return multipatch, []
+        if gap > 0.0:
+            notes.append(
+                f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}: the "
+                f"two sides differ by rounding ({gap:.2g}); the outcome is for their common mean"
+            )
+    if not notes:
+        return multipatch, []
+    return multipatch.with_control_points([topology.coordinates[points] for points in topology.points]), notes
 
 
 def _shorten(reasons: list[str]) -> tuple[str, ...]:

@@ -31,6 +31,9 @@ SAMPLES_PER_SPAN, MIN_SAMPLES = 14, 24
 SMOOTH = np.radians(2.0)
 #: Weight of the residual along the tangent in the Gauss–Newton steps; the sliding makes it vanish at the end.
 DAMPING = 0.03
+#: Sliding by this part of the side costs as much as an error of this part of the tolerance: where the shape leaves the
+#: parameters free (straight or round sides) the source's speed is kept, and control points do not crowd.
+SLIDE, SLIDE_ERROR = 0.1, 0.3
 #: Steps before tangents are joined, steps at most before levelling, and the relative change that ends them early.
 FREE_STEPS, STEPS, CHANGE = 3, 20, 0.03
 #: Part of the tolerance above which errors are levelled.
@@ -104,7 +107,7 @@ def fit_boundary(registration: Registration, *, parameters: str = "speed", toler
     for loop in registration.loops:
         sides.append([_add_side(groups, loop, i, uniform) for i in range(len(loop.source.curves))])
     for group in groups.values():
-        group.prepare()
+        group.prepare(SLIDE_ERROR * tolerance * diameter)
     smooth = [abs(loop.target.turn(loop.joints[:-1])) < SMOOTH for loop in registration.loops]
     joints = (
         []
@@ -170,13 +173,14 @@ class _Group:
     control: FloatArray = field(init=False)
     across: FloatArray = field(init=False)
 
-    def prepare(self) -> None:
-        """Sample the target and fit once, with the starting parameters (Eq. 6)."""
+    def prepare(self, error: float) -> None:
+        """Sample the target and fit once, with the starting parameters (Eq. 6); `error` scales the cost of sliding."""
         g = len(self.rows)
         self.outlines: list[tuple[Outline, list[int]]] = []
         for outline in {id(row[0]): row[0] for row in self.rows}.values():
             self.outlines.append((outline, [i for i, row in enumerate(self.rows) if row[0] is outline]))
-        self.lengths = np.array([row[1] for row in self.rows])
+        self.lengths = self.anchor = np.array([row[1] for row in self.rows])
+        self.hold = ((error / SLIDE) / np.ptp(self.lengths, axis=1)) ** 2
         self.ends = np.array([row[2] for row in self.rows])
         self.corner_tangents = np.array([row[3] for row in self.rows])
         self.weights = np.ones((g, len(self.basis) - 2))
@@ -202,7 +206,8 @@ class _Group:
         samples[:, [0, -1], :2] = self.ends
         self.target, self.tangent = samples[..., :2], samples[..., 2:]
         tangent = self.tangent[:, 1:-1]
-        self.across = np.eye(2) - (1 - DAMPING) * tangent[..., :, None] * tangent[..., None, :]
+        along = (DAMPING + self.hold)[:, None, None, None]
+        self.across = np.eye(2) - (1 - along) * tangent[..., :, None] * tangent[..., None, :]
 
     def _errors(self) -> FloatArray:
         return np.asarray(np.linalg.norm(self.basis @ self.control - self.target, axis=2).max(axis=1))
@@ -245,7 +250,10 @@ class _Group:
         (g, k), m = metric.shape[:2], inner.shape[1]
         blocks = self.products.T @ metric.reshape(g, k, 4)
         self.normal = blocks.reshape(g, m, m, 2, 2).swapaxes(2, 3).reshape(g, 2 * m, 2 * m)
-        rest = (metric @ (self.target[:, 1:-1] - known)[..., None])[..., 0]
+        # The damping pulls to where the sample is now, the hold to where it started: one pull to a point in between.
+        back = (self.hold / (DAMPING + self.hold))[:, None] * (self.anchor - self.lengths)[:, 1:-1]
+        rest = self.target[:, 1:-1] + back[..., None] * self.tangent[:, 1:-1] - known
+        rest = (metric @ rest[..., None])[..., 0]
         self.right = (inner.T @ rest).reshape(g, 2 * m)
 
     def _local(self) -> tuple[FloatArray, FloatArray]:
