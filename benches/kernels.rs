@@ -1,13 +1,13 @@
 //! Criterion benches of the core's kernels: `cargo bench -p patchtransfer-core`.
 use criterion::{Criterion, criterion_group, criterion_main};
+use patchtransfer_core::elements::Elements;
+use patchtransfer_core::injectivity::{Limits, certify_patch};
 use patchtransfer_core::local_global::LocalGlobal;
 use patchtransfer_core::optimizer::{Settings, SplineOptimizer};
+use patchtransfer_core::spline::{SplinePatch, bezier_extract};
 use patchtransfer_core::ssvd;
 use patchtransfer_core::triangulation::triangulate;
 use std::ops::ControlFlow;
-use patchtransfer_core::elements::Elements;
-use patchtransfer_core::injectivity::{Limits, certify_patch};
-use patchtransfer_core::spline::{SplinePatch, bezier_extract};
 
 fn extraction(c: &mut Criterion) {
     let knots: Vec<f64> = [0.0; 3].into_iter().chain((0..=100).map(f64::from)).chain([100.0; 3]).collect();
@@ -85,13 +85,21 @@ fn optimisation(c: &mut Criterion) {
         let size = n as usize + 3;
         let knots: Vec<f64> =
             [0.0; 3].into_iter().chain((0..=n).map(f64::from)).chain([f64::from(n); 3]).collect();
-        let greville: Vec<f64> = (0..size).map(|i| knots[i + 1..i + 4].iter().sum::<f64>() / 3.0 / f64::from(n)).collect();
+        let greville: Vec<f64> =
+            (0..size).map(|i| knots[i + 1..i + 4].iter().sum::<f64>() / 3.0 / f64::from(n)).collect();
         let at = |k: usize| [greville[k / size], greville[k % size]];
         let points: Vec<[f64; 2]> = (0..size * size).map(at).collect();
         let inner = |i: usize| i > 0 && i + 1 < size;
         let free: Vec<usize> = (0..size * size).filter(|k| inner(k / size) && inner(k % size)).collect();
-        let bent: Vec<[f64; 2]> = points.iter().map(|[x, y]| [(1.5 - y) * x.sin(), (1.5 - y) * x.cos()]).collect();
-        let patch = SplinePatch { degrees: [3, 3], knots: [knots.clone(), knots], shape: [size, size], points, weights: None };
+        let bent: Vec<[f64; 2]> =
+            points.iter().map(|[x, y]| [(1.5 - y) * x.sin(), (1.5 - y) * x.cos()]).collect();
+        let patch = SplinePatch {
+            degrees: [3, 3],
+            knots: [knots.clone(), knots],
+            shape: [size, size],
+            points,
+            weights: None,
+        };
         let indices = vec![(0..(size * size) as u32).collect()];
         let elements = Elements::new(&[patch], &indices, |p| 2 * p + 1, &[], &[]).unwrap();
         let mut optimizer = SplineOptimizer::new(elements, size * size, free.clone(), None).unwrap();

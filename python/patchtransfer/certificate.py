@@ -36,6 +36,8 @@ __all__ = ["BoundaryReport", "Cell", "Certificate", "Meeting", "certify", "check
 STATUSES = ("certified", "degenerate", "undecided", "folded")
 #: Reasons listed for patches and loops before the rest is only counted.
 MAX_REASONS = 20
+#: Interface control points may differ by this many units of the largest coordinate's roundoff.
+WELD_ULPS = 8.0
 #: Largest degree whose products have exact binomials.
 MAX_DEGREE = 19
 #: Knots along an interface may differ by this many units of roundoff of their range.

@@ -40,8 +40,8 @@ FREE_STEPS, STEPS, CHANGE = 3, 20, 0.03
 LEVEL_ABOVE = 0.4
 #: Rounds of levelling at most; they end when none of the last few improved the largest error by this much.
 LEVELLING, PATIENCE, IMPROVEMENT = 40, 6, 0.01
-#: A tangent turns by at most this angle in one step, and never gets shorter than this part of the mean leg.
-MAX_TURN, SHORTEST_LEG = 0.1, 0.05
+#: A tangent turns by at most this angle in one step, and gets no shorter than this part of the source's (to scale).
+MAX_TURN, SHORTEST_LEG = 0.1, 0.4
 #: At a corner a leg may stray from the target's tangent by this angle before it is put on it.
 MAX_STRAY = np.radians(25.0)
 
@@ -152,7 +152,9 @@ def _add_side(
     ends = loop.target.point(np.array([joints[i], joints[(i + 1) % len(loop.source.curves)]]))
     near = 1e-9 * loop.target.length
     tangents = np.stack([loop.target.tangent(joints[i] + near), loop.target.tangent(joints[i + 1] - near, True)])
-    group.rows.append((loop.target, lengths, ends, tangents))
+    c, scale = curve.control_points, (joints[i + 1] - joints[i]) / (loop.source.joints[i + 1] - loop.source.joints[i])
+    legs = scale * np.linalg.norm(c[[1, -2]] - c[[0, -1]], axis=1)
+    group.rows.append((loop.target, lengths, ends, tangents, legs))
     return group, len(group.rows) - 1
 
 
@@ -169,7 +171,7 @@ class _Group:
     """Sides with the same degree and knots, fitted together; arrays have one row a side."""
 
     basis: FloatArray
-    rows: list[tuple[Outline, FloatArray, FloatArray, FloatArray]] = field(default_factory=list)
+    rows: list[tuple[Outline, FloatArray, FloatArray, FloatArray, FloatArray]] = field(default_factory=list)
     control: FloatArray = field(init=False)
     across: FloatArray = field(init=False)
 
@@ -183,6 +185,7 @@ class _Group:
         self.hold = ((error / SLIDE) / np.ptp(self.lengths, axis=1)) ** 2
         self.ends = np.array([row[2] for row in self.rows])
         self.corner_tangents = np.array([row[3] for row in self.rows])
+        self.shortest = SHORTEST_LEG * np.array([row[4] for row in self.rows])
         self.weights = np.ones((g, len(self.basis) - 2))
         inner = self.basis[1:-1, 1:-1]
         m = inner.shape[1]
@@ -314,12 +317,10 @@ class _Group:
         value[:, across] = np.where(self.on_line, self._end_coordinates(1), 0.0)
         x = _constrained(a, b, fixed, value)
         base, forward = self._end_coordinates(0), np.array([1.0, -1.0])
-        chord = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1)[:, None]
-        shortest = 2 * SHORTEST_LEG * chord / (size + 2)
-        short = self.on_line & (forward * (x[:, along] - base) < shortest)
+        short = self.on_line & (forward * (x[:, along] - base) < self.shortest)
         if short.any():
             fixed[:, along] |= short
-            value[:, along] = np.where(short, base + 2 * forward * shortest, value[:, along])
+            value[:, along] = np.where(short, base + forward * self.shortest, value[:, along])
             x = _constrained(a, b, fixed, value)
         points = (self.axes.swapaxes(1, 2) @ x[..., None]).reshape(g, size // 2, 2)
         self.control = np.concatenate([self.ends[:, :1], points, self.ends[:, 1:]], axis=1)

@@ -9,7 +9,7 @@ until the certificate accepts the map. Beyond the paper, which optimises a trian
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from . import _core
-from .certificate import Certificate
+from .certificate import Cell, Certificate
 from .errors import InputError
 from .splines import FloatArray, Patch
 from .topology import CORNERS, Topology
@@ -30,6 +30,8 @@ Progress = Callable[[str, int, float, float], None]
 
 #: Default weight of the area term.
 AREA_WEIGHT = 0.3
+#: Rounds of adding nodes where the certificate fails.
+ROUNDS = 8
 #: |sin| of a corner's angle below which the source is singular there.
 SINGULAR = 1e-12
 
@@ -182,9 +184,10 @@ def optimize_with_ladder(
     """
     log: list[str] = []
     best: tuple[OptimizedMap, Certificate] | None = None
+    latest: tuple[OptimizedMap, Certificate]
 
     def attempt(rung: str, optimizer: SplineOptimizer, points: FloatArray, weight: float = AREA_WEIGHT) -> bool:
-        nonlocal best
+        nonlocal best, latest
         report = None if progress is None else (lambda step, e, d: progress(rung, step, e, d))
         found = optimizer.minimise(points, weight, progress=report)
         certificate = certify(found.points)
@@ -192,6 +195,7 @@ def optimize_with_ladder(
             f"{rung}: {len(found.history)} Newton steps, {found.stop}, smallest determinant "
             f"{found.min_determinant:.3g}, {certificate.status}"
         )
+        latest = (found, certificate)
         if best is None or _rank(certificate, found) > _rank(best[1], best[0]):
             best = (found, certificate)
         return certificate.injective
@@ -200,12 +204,11 @@ def optimize_with_ladder(
     if attempt("optimise", optimizer, optimizer.harmonic(start)):
         return *_known(best), log
     extra: list[tuple[int, float, float]] = []
-    for _ in range(3):
-        found, certificate = _known(best)
+    for _ in range(ROUNDS):
+        found, certificate = latest
         if found.min_determinant <= 0:
             break
-        nodes = [(cell.patch, *cell.point) for cell in certificate.cells if cell.kind != "degenerate"]
-        new = [node for node in nodes if node not in extra]
+        new = sorted(set(_nodes_of(certificate.cells)) - set(extra))
         if not new:
             break
         extra += new
@@ -222,6 +225,17 @@ def optimize_with_ladder(
     else:
         attempt("continuation", optimizer, continued)
     return *_known(best), log
+
+
+def _nodes_of(cells: Sequence[Cell]) -> Iterator[tuple[int, float, float]]:
+    """The worst point of every failing cell and a few around it: a single node only moves the fold aside."""
+    for cell in cells:
+        if cell.kind != "degenerate":
+            u0, u1, v0, v1 = cell.bounds
+            yield cell.patch, *cell.point
+            for u in (u0, (u0 + u1) / 2, u1):
+                for v in (v0, (v0 + v1) / 2, v1):
+                    yield cell.patch, u, v
 
 
 def _known(best: tuple[OptimizedMap, Certificate] | None) -> tuple[OptimizedMap, Certificate]:
