@@ -283,17 +283,20 @@ def _summary(content: dict[str, Any], output: str | None) -> None:
         valences = sorted(v["valence"] for v in topology["extraordinary_vertices"])
         table.add_row(
             "topology",
-            f"{topology['patches']} patches, {topology['interfaces']} interfaces, {topology['boundary_loops']} loops, "
-            f"extraordinary vertices of valence {', '.join(map(str, valences)) or 'none'}",
+            f"{topology['patches']} patches, {topology['interfaces']} interfaces, {topology['boundary_loops']} boundary "
+            f"loops, valences of extraordinary vertices: {', '.join(map(str, valences)) or 'none'}",
         )
     if "boundary_error" in content:
         table.add_row("boundary error", f"{content['boundary_error']:.2e} of the diameter")
         times = content["timings"]
-        stages = "   ".join(f"{stage} {1e3 * t:.1f}" for stage, t in times.items())
-        table.add_row("time", f"{1e3 * sum(times.values()):.1f} ms: {stages}")
+        table.add_row("time", f"{1e3 * sum(times.values()):.1f} ms")
+        for stage, seconds in times.items():
+            table.add_row(f"  {stage}", f"{1e3 * seconds:.1f} ms")
     if output is not None:
         table.add_row("written", output)
-    Console(soft_wrap=True, highlight=False).print(table)
+    console = Console(highlight=False)
+    # Piped output has no width to respect.
+    console.print(table, width=None if console.is_terminal else 160)
 
 
 def _number(x: float | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from html import escape
 from typing import Any
 
 from .certificate import Certificate
@@ -92,6 +93,5 @@ class TransferResult:
         return self.multipatch._repr_png_()
 
     def _repr_html_(self) -> str:
-        return f"<p>{self!r}</p>".replace("<TransferResult", "TransferResult").replace(">", "", 0) + (
-            self.multipatch._repr_html_()
-        )
+        summary = escape(repr(self)[1:-1])
+        return f"<p>{summary}</p>{self.multipatch._repr_html_()}"
