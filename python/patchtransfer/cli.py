@@ -283,8 +283,8 @@ def _summary(content: dict[str, Any], output: str | None) -> None:
         valences = sorted(v["valence"] for v in topology["extraordinary_vertices"])
         table.add_row(
             "topology",
-            f"{topology['patches']} patches, {topology['interfaces']} interfaces, {topology['boundary_loops']} boundary "
-            f"loops, valences of extraordinary vertices: {', '.join(map(str, valences)) or 'none'}",
+            f"{topology['patches']} patches, {topology['interfaces']} interfaces, "
+            f"{topology['boundary_loops']} boundary loops, valences of extraordinary vertices: {', '.join(map(str, valences)) or 'none'}",
         )
     if "boundary_error" in content:
         table.add_row("boundary error", f"{content['boundary_error']:.2e} of the diameter")
@@ -294,9 +294,8 @@ def _summary(content: dict[str, Any], output: str | None) -> None:
             table.add_row(f"  {stage}", f"{1e3 * seconds:.1f} ms")
     if output is not None:
         table.add_row("written", output)
-    console = Console(highlight=False)
     # Piped output has no width to respect.
-    console.print(table, width=None if console.is_terminal else 160)
+    Console(highlight=False, width=None if sys.stdout.isatty() else 160).print(table)
 
 
 def _number(x: float | None) -> str:

@@ -345,7 +345,8 @@ class Patch:
         """The patch with the same degrees, knots and weights and other control points."""
         points = frozen_array(control_points, "patch control points")
         if points.shape != self.control_points.shape:
-            raise InputError(f"patch control points must keep their shape {self.control_points.shape}, got {points.shape}")
+            shape = self.control_points.shape
+            raise InputError(f"patch control points must keep their shape {shape}, got {points.shape}")
         # Knots and weights are immutable and checked already.
         patch = object.__new__(Patch)
         for name, value in (*self.__dict__.items(), ("control_points", points)):
