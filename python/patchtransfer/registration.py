@@ -234,13 +234,16 @@ def _anchors_from_landmarks(placed: NDArray[np.void], source: Outline, target: O
     placed = placed[np.argsort(placed["s"], kind="stable")]
     s, t, row = placed["s"], placed["t"], placed["row"] + 1
     t = t[0] + np.mod(t - t[0], target.length)
-    close_s, close_t = 1e-9 * source.length, 1e-9 * target.length
-    for i in range(1, len(s)):
-        same_s, same_t = s[i] - s[i - 1] <= close_s, abs(t[i] - t[i - 1]) <= close_t
-        if same_s or same_t:
-            where = "source" if same_s else "target"
+    for where, position, length in (("source", s, source.length), ("target", t, target.length)):
+        around = np.mod(position, length)
+        order = np.argsort(around, kind="stable")
+        # The gap from the last to the first counts too: rounding puts a loop's start at either end.
+        gaps = np.diff(around[order], append=around[order[0]] + length)
+        if len(gaps) > 1 and gaps.min() <= 1e-9 * length:
+            i = int(gaps.argmin())
+            first, second = sorted((int(row[order[i]]), int(row[order[(i + 1) % len(order)]])))
             raise InputError(
-                f"landmark rows {row[i - 1]} and {row[i]} are the same point of the {where} boundary (loop {loop}); "
+                f"landmark rows {first} and {second} are the same point of the {where} boundary (loop {loop}); "
                 "remove one"
             )
     if len(s) > 2 and (np.diff(np.roll(t, -1)[:-1]) < 0).all():
