@@ -280,11 +280,11 @@ def _summary(content: dict[str, Any], output: str | None) -> None:
     table.add_row("kink across patches", f"mean {_number(kink['mean'])}°   max {_number(kink['max'])}°")
     if "topology" in content:
         topology = content["topology"]
-        valences = sorted(v["valence"] for v in topology["extraordinary_vertices"])
+        valences = ", ".join(map(str, sorted(v["valence"] for v in topology["extraordinary_vertices"])))
         table.add_row(
             "topology",
             f"{topology['patches']} patches, {topology['interfaces']} interfaces, "
-            f"{topology['boundary_loops']} boundary loops, valences of extraordinary vertices: {', '.join(map(str, valences)) or 'none'}",
+            f"{topology['boundary_loops']} boundary loops, valences of extraordinary vertices: {valences or 'none'}",
         )
     if "boundary_error" in content:
         table.add_row("boundary error", f"{content['boundary_error']:.2e} of the diameter")

@@ -30,12 +30,12 @@ SAMPLES_PER_SPAN, MIN_SAMPLES = 14, 24
 #: A joint is smooth when the target turns by less there.
 SMOOTH = np.radians(2.0)
 #: Weight of the residual along the tangent in the Gauss–Newton steps; the sliding makes it vanish at the end.
-DAMPING = 0.03
+DAMPING = 0.01
 #: Sliding by this part of the side costs as much as an error of this part of the tolerance: where the shape leaves the
 #: parameters free (straight or round sides) the source's speed is kept, and control points do not crowd.
-SLIDE, SLIDE_ERROR = 0.1, 0.3
+SLIDE, SLIDE_ERROR = 0.1, 0.1
 #: Steps before tangents are joined, steps at most before levelling, and the relative change that ends them early.
-FREE_STEPS, STEPS, CHANGE = 3, 20, 0.03
+FREE_STEPS, STEPS, CHANGE = 3, 20, 0.1
 #: Part of the tolerance above which errors are levelled.
 LEVEL_ABOVE = 0.4
 #: Rounds of levelling at most; they end when none of the last few improved the largest error by this much.
@@ -378,9 +378,10 @@ def _iterate(groups: list[_Group], joints: list[_Joint], level_above: float) -> 
             best = score
             for group in groups:
                 group.best, group.best_error = group.control, group.error
-        if worst <= level_above or (levelling and step - best_step > PATIENCE):
+        settled = levelling or step >= STEPS or change < CHANGE * max(worst, level_above)
+        if settled and (worst <= level_above or (levelling and step - best_step > PATIENCE)):
             return
-        levelling = levelling or step >= STEPS or change < CHANGE * worst
+        levelling = settled
 
 
 def _align(joint: _Joint) -> None:

@@ -30,6 +30,8 @@ CORNER = np.radians(15.0)
 CORNER_SNAP = 2e-3
 #: Without landmarks, corners correspond when their arc-length fractions differ by less than this.
 CORNER_MATCH = 0.04
+#: Corresponding corners turn by angles that differ by less than this.
+CORNER_DIFFERENCE = np.radians(50.0)
 #: Samples a loop for the alignment without landmarks.
 ALIGNMENT_SAMPLES = 512
 
@@ -286,7 +288,9 @@ def _anchors_from_shape(source: Outline, target: Outline, outer: LoopRegistratio
     confidence = float(np.clip((fit[best] - runner_up) / max(1 - runner_up, 1e-12), 0, 1))
     start = best / n * target.length
     anchors = np.array([[0.0, start], [source.length, start + target.length]])
-    matched = _match_corners(source, target, start)
+    matched = _match_all_corners(source, target) if outer is None else np.empty((0, 2))
+    if len(matched) == 0:
+        matched = _match_corners(source, target, start)
     if len(matched):
         s, t = matched.T
         anchors = np.column_stack([np.append(s, s[0] + source.length), np.append(t, t[0] + target.length)])
@@ -299,6 +303,31 @@ def _corners(outline: Outline) -> tuple[FloatArray, FloatArray]:
     turn = outline.turn(breaks)
     sharp = abs(turn) > CORNER
     return breaks[sharp], turn[sharp]
+
+
+def _match_all_corners(source: Outline, target: Outline) -> FloatArray:
+    """All corners in order, if both loops have equally many that turn alike; (m, 2) or empty.
+
+    Of the cyclic shifts that fit about equally well (turning angles and lengths of the arcs between), the one with
+    the smallest rotation about the centroid.
+    """
+    (s, turn_s), (t, turn_t) = _corners(source), _corners(target)
+    n = len(s)
+    if n < 2 or len(t) != n:
+        return np.empty((0, 2))
+    gaps_s, gaps_t = (np.diff(x, append=x[0] + o.length) / o.length for x, o in ((s, source), (t, target)))
+    z = source.point(s) @ [1, 1j] - source.polygon(256).mean(axis=0) @ [1, 1j]
+    w = target.point(t) @ [1, 1j] - target.polygon(256).mean(axis=0) @ [1, 1j]
+    shifts = np.arange(n)
+    turned = [abs(turn_s - np.roll(turn_t, -k)) for k in shifts]
+    cost = np.array([turned[k].mean() / np.pi + abs(gaps_s - np.roll(gaps_t, -k)).sum() for k in shifts])
+    cost[[turned[k].max() > CORNER_DIFFERENCE for k in shifts]] = np.inf
+    if not np.isfinite(cost).any():
+        return np.empty((0, 2))
+    equal = shifts[cost < cost.min() + 0.02]
+    k = min(equal, key=lambda k: abs(np.angle(np.vdot(z, np.roll(w, -k)))))
+    t = np.roll(t, -k)
+    return np.column_stack([s, t[0] + np.mod(t - t[0], target.length)])
 
 
 def _match_corners(source: Outline, target: Outline, start: float) -> FloatArray:

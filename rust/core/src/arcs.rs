@@ -281,9 +281,11 @@ pub(crate) fn arcs_of_loop(
         let mut curve = curve.clone();
         curve.points[end] = next;
         let values = Extraction::new(&curve.knots, curve.degree);
+        let slopes = Extraction::new(&curve.knots[1..curve.knots.len() - 1], curve.degree - 1);
+        let uncertain = 5.0 * U + knot_uncertainty(&curve.knots);
         for span in 0..values.first.len() {
             let slope = match curve.weights {
-                None => polynomial_slope(&curve, unit, span),
+                None => polynomial_slope(&curve, unit, &slopes, uncertain, span),
                 Some(_) => rational_slope(&curve, unit, &values, span),
             };
             if !slope.zero.iter().all(|z| *z) {
@@ -329,19 +331,25 @@ fn bezier_of(curve: &SplineCurve, origin: [f64; 2], unit: f64, values: &Extracti
     Bezier { points, err: [h[0].err.max(h[1].err), if polynomial { 0.0 } else { h[2].err }] }
 }
 
-fn polynomial_slope(curve: &SplineCurve, unit: f64, span: usize) -> Slope {
+/// Derivative of a polynomial arc by its extraction `slopes`; `uncertain` bounds the relative error of a difference.
+fn polynomial_slope(
+    curve: &SplineCurve,
+    unit: f64,
+    slopes: &Extraction,
+    uncertain: f64,
+    span: usize,
+) -> Slope {
     let (p, knots, points) = (curve.degree, &curve.knots, &curve.points);
-    let slopes = Extraction::new(&knots[1..knots.len() - 1], p - 1);
     let first = slopes.first[span];
     let [x, y]: [BoundedBernstein; 2] = std::array::from_fn(|c| {
-        extract(&slopes, &constant(), [span, 0], 5.0 * U + knot_uncertainty(knots), |a, _| {
+        extract(slopes, &constant(), [span, 0], uncertain, |a, _| {
             let k = first + a;
             // Only the direction matters: in units of the last knot span the numbers stay near one.
             let h = (knots[k + p + 1] - knots[k + 1]) / (knots[first + p + 1] - knots[first + p]);
             (points[k + 1][c] - points[k][c]) / unit / h
         })
     });
-    let zero = zeros(&slopes, span, |a| points[first + a] == points[first + a + 1]);
+    let zero = zeros(slopes, span, |a| points[first + a] == points[first + a + 1]);
     let err = x.err.max(y.err);
     Slope { vectors: x.coefs.into_iter().zip(y.coefs).map(|(x, y)| [x, y]).collect(), zero, err }
 }
