@@ -34,12 +34,14 @@ DAMPING = 0.01
 #: Sliding by this part of the side costs as much as an error of this part of the tolerance: where the shape leaves the
 #: parameters free (straight or round sides) the source's speed is kept, and control points do not crowd.
 SLIDE, SLIDE_ERROR = 0.1, 0.1
-#: Steps before tangents are joined, steps at most before levelling, and the relative change that ends them early.
-FREE_STEPS, STEPS, CHANGE = 3, 20, 0.1
+#: Steps before tangents are joined, and steps at most before levelling.
+FREE_STEPS, STEPS = 3, 20
 #: Part of the tolerance above which errors are levelled.
 LEVEL_ABOVE = 0.4
-#: Rounds of levelling at most; they end when none of the last few improved the largest error by this much.
-LEVELLING, PATIENCE, IMPROVEMENT = 40, 6, 0.01
+#: Rounds of levelling at most, and how many without improvement end them.
+LEVELLING, PATIENCE = 40, 10
+#: What counts as an improvement of the error, before levelling and during it.
+IMPROVEMENT = (0.1, 0.01)
 #: A tangent turns by at most this angle in one step, and gets no shorter than this part of the source's (to scale).
 MAX_TURN, SHORTEST_LEG = 0.1, 0.4
 #: At a corner a leg may stray from the target's tangent by this angle before it is put on it.
@@ -349,7 +351,6 @@ def _iterate(groups: list[_Group], joints: list[_Joint], level_above: float) -> 
         return
     levelling, best, best_step, worst = False, np.inf, 0, np.inf
     for step in range(STEPS + LEVELLING):
-        before = [group.control for group in groups]
         for group in groups:
             if levelling:
                 group.level()
@@ -366,19 +367,18 @@ def _iterate(groups: list[_Group], joints: list[_Joint], level_above: float) -> 
             continue
         for group in groups:
             group.hold_ends()
-        change = max(float(np.abs(g.control - b).max()) for g, b in zip(groups, before, strict=True))
         for group in groups:
             group.error = group.foot_errors()
         worst = max(float(group.error.max()) for group in groups)
         # Tangents are shared, so the best is one of all sides together: the largest error, then the others.
         score = worst + 0.1 * float(np.mean(np.concatenate([group.error for group in groups])))
-        if score < (1 - IMPROVEMENT) * best:
+        if score < (1 - IMPROVEMENT[levelling]) * best:
             best_step = step
         if score < best:
             best = score
             for group in groups:
                 group.best, group.best_error = group.control, group.error
-        settled = levelling or step >= STEPS or change < CHANGE * max(worst, level_above)
+        settled = levelling or step >= STEPS or step - best_step >= 2
         if settled and (worst <= level_above or (levelling and step - best_step > PATIENCE)):
             return
         levelling = settled
