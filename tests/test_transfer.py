@@ -9,12 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 import models
 import patchtransfer as pt
 import targets
 from patchtransfer import Boundary, BSplineCurve, InfeasibleTargetError, InputError, NotCertifiedError
 from patchtransfer.outline import Outline, hausdorff
+from strategies import knot_vectors, turned
 from test_outline import polygon
 from test_splines import circle
 
@@ -76,6 +79,35 @@ def test_end_to_end(name, deformation):
     assert 0 < after.min <= result.corner_bound + 1e-9
     assert result.continuity.c0_gap == 0
     assert result.continuity == pt.check_continuity(result.multipatch)
+
+
+@st.composite
+def sheets(draw):
+    """One to three patches side by side; degrees, knots and multiplicities differ between patches and directions."""
+    q = draw(st.integers(1, 4))
+    across = draw(knot_vectors(q, 2))
+    patches, x = [], 0.0
+    for _ in range(draw(st.integers(1, 3))):
+        p = draw(st.integers(1, 4))
+        along = draw(knot_vectors(p, 2))
+        u, v = models.greville(along, p), models.greville(across, q)
+        u, v = (u - u[0]) / (u[-1] - u[0]), (v - v[0]) / (v[-1] - v[0])
+        points = np.stack(np.meshgrid(x + u, v, indexing="ij"), axis=-1)
+        patches.append(turned(pt.Patch((along, across), (p, q), points), *(draw(st.booleans()) for _ in "tuv")))
+        x += 1.0
+    return models.welded(pt.MultiPatch(patches))
+
+
+@settings(max_examples=25, deadline=None)
+@given(sheets(), st.floats(-15, 15))
+def test_any_degrees_and_knots(mp, degrees):
+    assume(abs(degrees) > 0.1)
+    target, landmarks = targets.deformed(mp, targets.bend(mp, degrees))
+    result = pt.transfer(mp, target, landmarks)
+    assert result.certificate.status == "certified"
+    same_structure(result.multipatch, mp)
+    assert result.boundary_error < 0.02
+    assert boundary_distance(result.multipatch, target) == pytest.approx(result.boundary_error, rel=0.05, abs=1e-9)
 
 
 def test_similar_targets_give_the_similar_source():
