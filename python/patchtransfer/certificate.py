@@ -230,7 +230,8 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
     findings: list[tuple[str, str]] = []
     positive = []
     for k, (_, sign_agrees, _, found) in enumerate(proofs):
-        here = [Cell(k, *cell) for cell in found]
+        # The core gives lists where a frozen, hashable value needs tuples.
+        here = [Cell(k, kind, (*b,), (*p,), value) for kind, b, p, value in found]
         cells += here
         findings += [(here[0].kind, _patch_reason(here))] if here else []
         positive.append(sign_agrees and all(cell.kind == "degenerate" for cell in here))
@@ -372,7 +373,7 @@ def check_boundary(loops: Iterable[Iterable[BSplineCurve]]) -> BoundaryReport:
     """
     chains = [[(c.knots, c.degree, c.control_points, c.weights) for c in loop] for loop in loops]
     meetings, orientation, around, _, _ = _core.certify_loops(chains)
-    crossings = tuple(Meeting(*meeting) for meeting in meetings)
+    crossings = tuple(Meeting(kind, a, b, (*point,)) for kind, a, b, point in meetings)
     crossings = tuple(sorted(crossings, key=lambda m: m.kind != "crossing"))
     reasons = [str(meeting) for meeting in crossings]
     wrong = False
