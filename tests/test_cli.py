@@ -136,7 +136,7 @@ def test_warnings_go_to_standard_error(files):
 def test_check_and_plot(files):
     result = run("check", files / "source.xml")
     assert result.exit_code == 0
-    assert "8 patches, 8 interfaces, 2 loops" in result.stdout
+    assert "8 patches, 8 interfaces, 2 boundary loops" in result.stdout
     result = run("check", files / "source.xml", "--json", "-")
     assert result.exit_code == 0
     data = json.loads(result.stdout)
@@ -168,8 +168,9 @@ def test_in_a_process_of_its_own(files):
     """Also --threads, which a process can set only once, and standard output that is piped."""
     command = [sys.executable, "-m", "patchtransfer.cli"]
     environment = os.environ | {"COLUMNS": "40"}
+    given = arguments(files, "--landmarks", files / "landmarks.csv", "--threads", "1", "--json", "-")
     done = subprocess.run(
-        [*command, *map(str, arguments(files, "--landmarks", files / "landmarks.csv", "--threads", "1", "--json", "-"))],
+        [*command, *map(str, given)],
         capture_output=True, text=True, env=environment, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -352,12 +353,16 @@ BAD_TARGETS = {
     "crossing itself": (both(lambda: models.grid(1, 1), eight), r"target boundary: .*crosses itself at \("),
     "hole outside": (both(plate, lambda: moved_hole([5, 0])), "lies outside the outer loop"),
     "no hole": (write_target(lambda: models.grid().boundary()), "1 holes and the target 0"),
-    "too coarse": (
-        both(lambda: notched([1, 0.5])[0], lambda: notched([1.9, 1], [1.9, 0.05], [1.8, 0.05], [1.8, 1])[1]),
-        "source's knots cannot represent",
-    ),
     "folded source": (lambda files: pt.write(folded_source(), files / "source.xml"), "not an injective.*patch 1"),
 }
+
+
+def test_a_fit_too_coarse_is_not_called_infeasible(files):
+    """The target is feasible, so this is "no certified result", not "bad input"."""
+    both(lambda: notched([1, 0.5])[0], lambda: notched([1.9, 1], [1.9, 0.05], [1.8, 0.05], [1.8, 1])[1])(files)
+    before = listing(files)
+    failed(run(*arguments(files)), 1, "source's knots cannot represent")
+    assert listing(files) == before
 
 
 @pytest.mark.parametrize("case", BAD_TARGETS)

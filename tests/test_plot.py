@@ -129,7 +129,7 @@ def test_refuses_what_cannot_be_written_and_leaves_nothing(tmp_path, model):
     figure = plot.multipatch(model)
     with pytest.raises(pt.InputError, match=r"unknown figure format '.gif'; use .png, .svg or .pdf"):
         plot.savefig(figure, tmp_path / "a.gif")
-    with pytest.raises(pt.InputError, match="choose another folder"):
+    with pytest.raises(pt.InputError, match="does not exist; create it first"):
         plot.savefig(figure, tmp_path / "missing" / "a.png")
     (tmp_path / "folder.png").mkdir()
     with pytest.raises(pt.InputError, match="cannot be written"):

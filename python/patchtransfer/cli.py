@@ -24,6 +24,7 @@ from .errors import InputError, NotCertifiedError, TransferError
 __all__ = ["main"]
 
 NOT_CERTIFIED, BAD_INPUT = 1, 2
+SUFFIXES = {"model": (".xml",), "picture": (".png", ".svg", ".pdf"), "report": (".json", ".txt")}
 
 
 def _print_error(message: str) -> None:
@@ -74,11 +75,13 @@ class _Report:
             write_atomic(Path(self.path), text)
 
 
-def _check_outputs(*paths: str | None) -> None:
-    """Refuse unwritable outputs before the work starts."""
-    for path in paths:
-        if path is None or path == "-":
+def _check_outputs(**outputs: str | None) -> None:
+    """Refuse unwritable outputs and unknown formats before the work starts."""
+    for kind, path in outputs.items():
+        if path is None or (kind == "report" and path == "-"):
             continue
+        if Path(path).suffix.lower() not in SUFFIXES[kind]:
+            raise InputError(f"{path}: unknown format for a {kind}; use {', '.join(SUFFIXES[kind])}")
         folder = Path(path).absolute().parent
         if not folder.is_dir():
             raise InputError(f"{path}: the folder {folder} does not exist; create it first")
@@ -90,7 +93,10 @@ def _set_threads(threads: int | None) -> None:
     if threads is not None:
         from . import _core
 
-        _core.set_threads(threads)
+        try:
+            _core.set_threads(threads)
+        except RuntimeError as error:
+            raise InputError(f"--threads: {error}") from None
 
 
 _json = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
@@ -155,7 +161,8 @@ def transfer(
 
     report = _Report(json_path)
     with _failures(report):
-        _check_outputs(output, plot_path, plot_registration, json_path)
+        _check_outputs(model=output, picture=plot_path, report=json_path)
+        _check_outputs(picture=plot_registration)
         _set_threads(threads)
         model, boundary = io.read(source), io.read_boundary(target)
         points = None if landmarks is None else io.read_landmarks(landmarks)
@@ -208,7 +215,7 @@ def check(file: str, json_path: str | None) -> None:
 
     report = _Report(json_path)
     with _failures(report):
-        _check_outputs(json_path)
+        _check_outputs(report=json_path)
         model = io.read(file)
         certificate = certify(model)
         degenerate = [(c.patch, c.point) for c in certificate.cells if c.kind == "degenerate"]
@@ -239,7 +246,7 @@ def plot(file: str, output: str) -> None:
     from . import plot as plots
 
     with _failures(_Report(None)):
-        _check_outputs(output)
+        _check_outputs(picture=output)
         figure = plots.multipatch(io.read(file))
         plots.savefig(figure, output)
 

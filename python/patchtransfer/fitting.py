@@ -118,7 +118,7 @@ def fit_boundary(registration: Registration, *, parameters: str = "speed", toler
     )
     if not uniform:
         _iterate(list(groups.values()), joints, LEVEL_ABOVE * tolerance * diameter)
-    loops, warnings = [], []
+    loops, warnings, distances = [], [], []
     for k, loop in enumerate(registration.loops):
         fitted = []
         for i, (curve, (group, row)) in enumerate(zip(loop.source.curves, sides[k], strict=True)):
@@ -131,11 +131,14 @@ def fit_boundary(registration: Registration, *, parameters: str = "speed", toler
                     f"(tolerance {tolerance:.1e}); refine the source"
                 )
         loops.append(tuple(fitted))
-    distance = max(
-        hausdorff(Outline([side.curve for side in fitted]), loop.target)
-        for fitted, loop in zip(loops, registration.loops, strict=True)
-    )
-    return FittedBoundary(tuple(loops), distance / diameter, tuple(warnings))
+        distances.append(hausdorff(Outline([side.curve for side in fitted]), loop.target) / diameter)
+        if distances[-1] > tolerance >= max(side.error for side in fitted):
+            # Samples may all lie on the target while the curve cuts a part of it short.
+            warnings.append(
+                f"boundary loop {k}: the source's knots miss a part of the target by {distances[-1]:.1e} of its "
+                f"diameter (tolerance {tolerance:.1e}); refine the source"
+            )
+    return FittedBoundary(tuple(loops), max(distances), tuple(warnings))
 
 
 def _add_side(

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .errors import InputError
+from .io.atomic import write_atomic
 from .multipatch import Boundary, MultiPatch
 from .quality import sample
 from .splines import BSplineCurve, FloatArray, knot_spans
@@ -213,15 +214,7 @@ def savefig(figure: Figure, path: str | os.PathLike[str], dpi: int = 200) -> Non
     if kind not in SUFFIXES:
         raise InputError(f"{target}: unknown figure format {target.suffix!r}; use .png, .svg or .pdf")
     data = _rendered(figure, kind, dpi)
-    partial = target.with_name(f".{target.name}.{os.getpid()}-{threading.get_ident()}.part")
-    try:
-        try:
-            partial.write_bytes(data)
-            partial.replace(target)
-        finally:
-            partial.unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written ({error.strerror}); choose another folder") from None
+    write_atomic(target, data)
 
 
 def png(mp: MultiPatch, dpi: int = 110) -> bytes:

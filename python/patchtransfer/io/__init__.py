@@ -202,8 +202,9 @@ def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None
                 f"cannot write {path.suffix or 'a file without extension'}; use {_extensions(formats)}"
             )
         if isinstance(geometry, MultiPatch) and chosen.write:
-            write_atomic(path, chosen.write(geometry))
+            text = chosen.write(geometry)
         elif isinstance(geometry, Boundary) and chosen.write_boundary:
-            write_atomic(path, chosen.write_boundary(geometry))
+            text = chosen.write_boundary(geometry)
         else:
             raise InputError(f"cannot write a {type(geometry).__name__}; pass a MultiPatch or a Boundary")
+    write_atomic(path, text)

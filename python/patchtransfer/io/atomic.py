@@ -52,9 +52,9 @@ def write_atomic(path: Path, data: str | bytes) -> None:
     content = data.encode() if isinstance(data, str) else data
     target = Path(os.path.realpath(path))
     if target.is_dir():
-        raise InputError("this is a folder; name a file in it")
+        raise InputError(f"{path}: this is a folder; name a file in it")
     if not target.parent.is_dir():
-        raise InputError(f"the folder {target.parent} does not exist; create it first")
+        raise InputError(f"{path}: the folder {target.parent} does not exist; create it first")
     temporary = target.parent / f".{target.name[:100]}.{secrets.token_hex(6)}.tmp"
     try:
         # Not `tempfile`: that creates private files, and the result would keep mode 0600.
@@ -66,7 +66,7 @@ def write_atomic(path: Path, data: str | bytes) -> None:
         os.replace(temporary, target)
     except OSError as error:
         raise InputError(
-            f"cannot be written ({error.strerror or error}); check the folder's permissions and the disk"
+            f"{path}: cannot be written ({error.strerror or error}); check the folder's permissions and the disk"
         ) from None
     finally:
         with suppress(OSError):
