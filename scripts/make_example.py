@@ -14,16 +14,21 @@ from pathlib import Path
 import numpy as np
 
 import patchtransfer as pt
+from patchtransfer import examples
 from patchtransfer.optimize import SplineOptimizer
 
-FOLDER = Path(__file__).resolve().parents[1] / "python" / "patchtransfer" / "examples" / "wrench"
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "python" / "patchtransfer" / "examples" / "wrench"
+PICTURE = ROOT / "docs" / "images" / "wrench.png"
 
+#: Degree and knot spans of every patch and direction.
+DEGREE, SPANS = 3, 3
+#: Rounds of straightening: every round measures the patches anew.
 ROUNDS = 3
-SPANS = 3
-DEGREE = 3
 
 
 def polar(radius: float, degrees: float) -> complex:
+    """Complex number by modulus and angle."""
     return cmath.rect(radius, np.radians(degrees))
 
 
@@ -37,13 +42,13 @@ class Arc:
     end: float
 
     def __call__(self, t: float) -> complex:
+        """Point at a fraction of the angle."""
         return self.centre + polar(self.radius, self.begin + t * (self.end - self.begin))
 
     def split(self, t: float) -> tuple[Arc, Arc]:
+        """Cut at a fraction of the angle."""
         middle = self.begin + t * (self.end - self.begin)
-        return Arc(self.centre, self.radius, self.begin, middle), Arc(
-            self.centre, self.radius, middle, self.end
-        )
+        return Arc(self.centre, self.radius, self.begin, middle), Arc(self.centre, self.radius, middle, self.end)
 
 
 @dataclass(frozen=True)
@@ -53,9 +58,11 @@ class Bezier:
     points: tuple[complex, ...]
 
     def __call__(self, t: float) -> complex:
+        """Point at a fraction of the parameter."""
         return self.split(t)[0].points[-1]
 
     def split(self, t: float) -> tuple[Bezier, Bezier]:
+        """Cut at a fraction of the parameter (de Casteljau)."""
         rows = [list(self.points)]
         while len(rows[-1]) > 1:
             rows.append([(1 - t) * a + t * b for a, b in zip(rows[-1], rows[-1][1:], strict=False)])
@@ -66,6 +73,7 @@ Segment = Arc | Bezier
 
 
 def line(a: complex, b: complex) -> Bezier:
+    """Straight segment."""
     return Bezier((a, b))
 
 
@@ -156,9 +164,11 @@ class Wrench:
 
     @property
     def hole(self) -> Arc:
+        """The ring's hole, from the top, clockwise."""
         return Arc(0j, self.hole_radius, 90, -270)
 
     def __call__(self, name: str, t: float) -> complex:
+        """Point of a segment of the outline, or of the hole, at a fraction of its parameter."""
         return (self.hole if name == "hole" else self.segments[name])(t)
 
 
@@ -194,35 +204,43 @@ ON_BOUNDARY = {
 }
 
 #: Vertices inside.
-INSIDE = {"i0": 2.1 + 14.2j, "i1": -2.1 + 14.2j, "n1": 1.95 + 38j, "n2": -1.95 + 38j, "p0": 7.3 + 52.3j, "p1": -7.3 + 52.3j}
+INSIDE = {
+    "i0": 2.1 + 14.2j,
+    "i1": -2.1 + 14.2j,
+    "n1": 1.95 + 38j,
+    "n2": -1.95 + 38j,
+    "p0": 7.3 + 52.3j,
+    "p1": -7.3 + 52.3j,
+}
 
 #: Counter-clockwise.
 QUADS = [
     # ring
-    "h6 h0 r0 i0".split(),
-    "h5 h6 i0 i1".split(),
-    "h4 h5 i1 r4".split(),
-    "h0 h1 r1 r0".split(),
-    "h1 h2 r2 r1".split(),
-    "h2 h3 r3 r2".split(),
-    "h3 h4 r4 r3".split(),
+    ("h6", "h0", "r0", "i0"),
+    ("h5", "h6", "i0", "i1"),
+    ("h4", "h5", "i1", "r4"),
+    ("h0", "h1", "r1", "r0"),
+    ("h1", "h2", "r2", "r1"),
+    ("h2", "h3", "r3", "r2"),
+    ("h3", "h4", "r4", "r3"),
     # handle
-    "i0 r0 n0 n1".split(),
-    "i1 i0 n1 n2".split(),
-    "r4 i1 n2 n3".split(),
+    ("i0", "r0", "n0", "n1"),
+    ("i1", "i0", "n1", "n2"),
+    ("r4", "i1", "n2", "n3"),
     # head, around the two vertices of valence 5
-    "n1 n0 f0 p0".split(),
-    "n2 n1 p0 p1".split(),
-    "n3 n2 p1 f1".split(),
-    "p1 p0 a0 a1".split(),
-    "p0 f0 to0 tm0".split(),
-    "a0 p0 tm0 ti0".split(),
-    "f1 p1 tm1 to1".split(),
-    "p1 a1 ti1 tm1".split(),
+    ("n1", "n0", "f0", "p0"),
+    ("n2", "n1", "p0", "p1"),
+    ("n3", "n2", "p1", "f1"),
+    ("p1", "p0", "a0", "a1"),
+    ("p0", "f0", "to0", "tm0"),
+    ("a0", "p0", "tm0", "ti0"),
+    ("f1", "p1", "tm1", "to1"),
+    ("p1", "a1", "ti1", "tm1"),
 ]
 
 
 def xy(z: complex) -> tuple[float, float]:
+    """Coordinates."""
     return z.real, z.imag
 
 
@@ -243,11 +261,16 @@ def to_curve(segment: Segment) -> pt.BSplineCurve:
     return pt.BSplineCurve([0] * 4 + inner.tolist() + [1] * 4, 3, [xy(z) for z in points])
 
 
+def greville(knots: np.ndarray) -> np.ndarray:
+    """Abscissae whose values as coefficients make the identity."""
+    return np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(len(knots) - DEGREE - 1)])
+
+
 def layout(wrench: Wrench) -> pt.MultiPatch:
     """Bilinear quadrilaterals as bicubic patches."""
     at = {name: wrench(*place) for name, place in ON_BOUNDARY.items()} | INSIDE
     knots = np.concatenate([np.zeros(DEGREE), np.linspace(0, 1, SPANS + 1), np.ones(DEGREE)])
-    s = np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(len(knots) - DEGREE - 1)])
+    s = greville(knots)
     u, v = s[:, None, None], s[None, :, None]
     patches = []
     for a, b, c, d in QUADS:
@@ -258,11 +281,13 @@ def layout(wrench: Wrench) -> pt.MultiPatch:
 
 
 def make_source(wrench: Wrench) -> pt.MultiPatch:
+    """Carry the layout onto the outline, then straighten the patches inside."""
     outline = pt.Boundary([[to_curve(s) for s in wrench.segments.values()], [to_curve(wrench.hole)]])
     model = layout(wrench)
     joints = [xy(wrench(*place)) for place in ON_BOUNDARY.values()]
     result = pt.transfer(model, outline, [[*p, *p] for p in joints], continuity="c0", fit_tolerance=2e-3)
-    print(result, *result.log, *result.warnings, sep="\n  ")
+    if result.warnings:
+        raise SystemExit("\n".join(result.warnings))
     return straighten(result.multipatch)
 
 
@@ -274,13 +299,9 @@ def straighten(model: pt.MultiPatch) -> pt.MultiPatch:
         reference = []
         for patch in current.patches:
             c = patch.control_points
-            width, height = (
-                np.linalg.norm(np.diff(c, axis=axis), axis=2).sum(axis=axis).mean() for axis in (0, 1)
-            )
-            g = [np.array([k[i + 1 : i + DEGREE + 1].mean() for i in range(n)]) for k, n in zip(patch.knots, patch.shape)]
-            reference.append(
-                patch.with_control_points(np.stack(np.meshgrid(width * g[0], height * g[1], indexing="ij"), axis=2))
-            )
+            width, height = (np.linalg.norm(np.diff(c, axis=axis), axis=2).sum(axis=axis).mean() for axis in (0, 1))
+            grid = np.meshgrid(*(greville(knots) for knots in patch.knots), indexing="ij")
+            reference.append(patch.with_control_points(np.stack(grid, axis=2) * [width, height]))
         points = SplineOptimizer(topology, reference).minimise(points, area_weight=0.3).points
     return model.with_control_points([points[p] for p in topology.points])
 
@@ -329,6 +350,7 @@ def svg_number(z: complex) -> str:
 
 
 def svg_command(segment: Segment) -> str:
+    """Path command that continues to the segment's end."""
     if isinstance(segment, Arc):
         turn = segment.end - segment.begin
         flags = f"{int(abs(turn) > 180)} {int(turn < 0)}"
@@ -362,6 +384,7 @@ def draw(wrench: Wrench) -> str:
 
 
 def landmarks(source: Wrench, target: Wrench) -> str:
+    """Table of corresponding places."""
     page = complex(ORIGIN[0], -ORIGIN[1])
     rows = [
         "# Corresponding places in millimetres, y up: in the drawing target.svg y is -yt.",
@@ -371,6 +394,19 @@ def landmarks(source: Wrench, target: Wrench) -> str:
         numbers = (*xy(source(*place)), *xy(target(*place) + page))
         rows.append(f"{name.replace(',', '')},{','.join(f'{x:.4f}' for x in numbers)}")
     return "\n".join(rows) + "\n"
+
+
+def illustrate() -> None:
+    """Picture of the README."""
+    source, target, places = examples.load("wrench")
+    result = pt.transfer(source, target, places, continuity="c0")
+    metrics = result.quality.scaled_jacobian
+    caption = (
+        f"{result.certificate.status}; scaled Jacobian at least {metrics.min:.2f}, mean {metrics.mean:.2f}; "
+        f"boundary error {result.boundary_error:.0e} of the diameter"
+    )
+    figure = pt.plot.transfer(source, target, result.multipatch, caption=caption)
+    pt.plot.savefig(figure, PICTURE, dpi=110)
 
 
 STRAIGHT = Wrench()
@@ -393,3 +429,4 @@ if __name__ == "__main__":
     (FOLDER / "target.svg").write_text(draw(TURNED))
     (FOLDER / "landmarks.csv").write_text(landmarks(STRAIGHT, TURNED))
     print(source, pt.quality(source).scaled_jacobian)
+    illustrate()

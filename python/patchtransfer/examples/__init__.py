@@ -96,9 +96,7 @@ def run(name: str, folder: str | os.PathLike[str], progress: Progress | None = N
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(
-            f"{folder}: the folder cannot be made ({error.strerror}); choose another one"
-        ) from None
+        raise InputError(f"{folder}: the folder cannot be made ({error.strerror}); choose another one") from None
     for item in INPUTS:
         path = folder / item
         try:
@@ -112,9 +110,7 @@ def run(name: str, folder: str | os.PathLike[str], progress: Progress | None = N
     plot.savefig(plot.transfer(source, target, result.multipatch, caption=caption), folder / "transfer.png")
     pairs = [[*a, *b] for a, b in result.registration.joints]
     fitted = result.multipatch.boundary()
-    plot.savefig(
-        plot.registration(source.boundary(), fitted, pairs, target), folder / "registration.png"
-    )
+    plot.savefig(plot.registration(source.boundary(), fitted, pairs, target), folder / "registration.png")
     io.write(result.multipatch, folder / "result.xml")
     write_atomic(folder / "report.json", json.dumps(result.to_dict(), indent=2, allow_nan=False) + "\n")
     return result
