@@ -68,9 +68,7 @@ class SciPyOptimizer:
         self.free = np.asarray(topology.interior_points)
         along, across, weights = [], [], []
         for patch, points in zip(source.patches, topology.points, strict=True):
-            (u, wu, bu, su), (v, wv, bv, sv) = (
-                self._nodes(k, p) for k, p in zip(patch.knots, patch.degrees, strict=True)
-            )
+            (wu, bu, su), (wv, bv, sv) = (self._nodes(k, p) for k, p in zip(patch.knots, patch.degrees, strict=True))
             gather = sp.csr_array(
                 (np.ones(points.size), (np.arange(points.size), points.ravel())),
                 (points.size, topology.n_points),
@@ -95,8 +93,8 @@ class SciPyOptimizer:
         self._columns = np.broadcast_to((block * n + node)[None], (4, 4, n)).ravel()
 
     @staticmethod
-    def _nodes(knots: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray, sp.csr_array, sp.csr_array]:
-        """Gauss–Lobatto nodes of all spans, weights, and values and slopes of the basis there."""
+    def _nodes(knots: np.ndarray, degree: int) -> tuple[np.ndarray, sp.csr_array, sp.csr_array]:
+        """Weights of the Gauss–Lobatto nodes of all spans, and values and slopes of the basis there."""
         m = 2 * degree + 1
         legendre = np.polynomial.legendre.Legendre.basis(m - 1)
         x = np.concatenate([[-1.0], np.sort(legendre.deriv().roots().real), [1.0]])
@@ -113,7 +111,6 @@ class SciPyOptimizer:
             basis = BSpline(knots, np.eye(count), degree)
             slopes.append(sp.csr_array(basis(inside, nu=1)))
         return (
-            nodes.ravel(),
             (half * w).ravel(),
             sp.csr_array(sp.vstack(values)),
             sp.csr_array(sp.vstack(slopes)),
