@@ -324,5 +324,24 @@ def _progress() -> Iterator[Callable[[str, int, float, float], None] | None]:
         yield show
 
 
+@main.command()
+@click.argument("name", required=False)
+@click.option("-o", "--output", metavar="DIR", help="Folder for all files (default: the example's name).")
+def examples(name: str | None, output: str | None) -> None:
+    """List the bundled examples, or run the example NAME and keep its files in DIR."""
+    from . import examples as bundled
+
+    if name is None:
+        for key, description in bundled.EXAMPLES.items():
+            click.echo(f"{key}: {description}")
+        return
+    folder = name if output is None else output
+    with _failures(_Report(None)), _progress() as progress:
+        result = bundled.run(name, folder, progress)
+    _summary(result.to_dict(), os.path.join(folder, ""))
+    for warning in result.warnings:
+        Console(stderr=True, soft_wrap=True, highlight=False).print(f"[yellow]warning:[/] {_escape(warning)}")
+
+
 if __name__ == "__main__":
     main()

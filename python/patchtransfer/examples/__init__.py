@@ -1,0 +1,121 @@
+"""Bundled examples: models and drawings of our own that show the whole pipeline.
+
+An example is a folder with ``source.xml`` (a multi-patch), ``target.svg`` (a drawn outline) and ``landmarks.csv``
+(corresponding places), and one line here.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from .. import io, plot
+from ..errors import InputError
+from ..io.atomic import write_atomic
+from ..multipatch import Boundary, MultiPatch
+from ..optimize import Progress
+from ..result import TransferResult
+from ..splines import FloatArray
+from ..transfer import transfer
+
+__all__ = ["EXAMPLES", "load", "run"]
+
+EXAMPLES = {
+    "wrench": "an open-end wrench of 18 bicubic patches, moved to a drawing with a turned jaw and a bent handle",
+}
+"""One line for each example, by name."""
+
+INPUTS = ("source.xml", "target.svg", "landmarks.csv")
+
+
+def load(name: str) -> tuple[MultiPatch, Boundary, FloatArray]:
+    """Read a bundled example.
+
+    Parameters
+    ----------
+    name : str
+        A key of `EXAMPLES`.
+
+    Returns
+    -------
+    source : MultiPatch
+    target : Boundary
+    landmarks : (r, 4) array
+        Rows (xs, ys, xt, yt), millimetres.
+
+    Raises
+    ------
+    InputError
+        When there is no such example.
+
+    Examples
+    --------
+    >>> source, target, landmarks = load("wrench")
+    >>> source
+    <MultiPatch: 18 patches, 24 interfaces, 1 hole, 510 control points>
+    """
+    _check_name(name)
+    folder = files(__name__) / name
+    source, target, landmarks = INPUTS
+    with as_file(folder / source) as path:
+        model = io.read(path)
+    with as_file(folder / target) as path:
+        boundary = io.read_boundary(path)
+    with as_file(folder / landmarks) as path:
+        return model, boundary, io.read_landmarks(path)
+
+
+def run(name: str, folder: str | os.PathLike[str], progress: Progress | None = None) -> TransferResult:
+    """Transfer a bundled example and keep everything in a folder.
+
+    Writes the inputs ``source.xml``, ``target.svg`` and ``landmarks.csv``, then ``result.xml``, the pictures
+    ``transfer.png`` and ``registration.png``, and ``report.json``. Files of these names are replaced.
+
+    Parameters
+    ----------
+    name : str
+        A key of `EXAMPLES`.
+    folder : path
+        Created if it does not exist.
+    progress : callable, optional
+        As in `patchtransfer.transfer`.
+
+    Returns
+    -------
+    TransferResult
+
+    Raises
+    ------
+    InputError
+        When there is no such example or the folder cannot be written to.
+    """
+    _check_name(name)
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: the folder cannot be made ({error.strerror}); choose another one") from None
+    for item in INPUTS:
+        path = folder / item
+        try:
+            write_atomic(path, (files(__name__) / name / item).read_bytes())
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+    source, target, landmarks = load(name)
+    result = transfer(source, target, landmarks, progress=progress)
+    metrics = result.quality.scaled_jacobian
+    caption = f"{result.certificate.status}; scaled Jacobian at least {metrics.min:.3f}, mean {metrics.mean:.3f}"
+    plot.savefig(plot.transfer(source, target, result.multipatch, caption=caption), folder / "transfer.png")
+    pairs = [[*a, *b] for a, b in result.registration.joints]
+    fitted = result.multipatch.boundary()
+    plot.savefig(plot.registration(source.boundary(), fitted, pairs, target), folder / "registration.png")
+    io.write(result.multipatch, folder / "result.xml")
+    write_atomic(folder / "report.json", json.dumps(result.to_dict(), indent=2, allow_nan=False) + "\n")
+    return result
+
+
+def _check_name(name: str) -> None:
+    if name not in EXAMPLES:
+        raise InputError(f"no example is called {name!r}; there is {', '.join(EXAMPLES)}")

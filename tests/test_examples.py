@@ -1,0 +1,93 @@
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import patchtransfer as pt
+from patchtransfer import examples
+from patchtransfer.cli import main
+
+README = Path(__file__).parents[1] / "README.md"
+
+
+def test_source_is_a_good_model_with_a_hole_and_extraordinary_vertices():
+    source, _, _ = examples.load("wrench")
+    assert pt.certify(source).injective
+    assert pt.quality(source).scaled_jacobian.mean >= 0.9
+    assert len(source.loops) == 2
+    assert sorted(v.valence for v in source.vertices if v.extraordinary) == [5, 5]
+
+
+def test_target_is_cut_elsewhere_than_the_source():
+    source, target, landmarks = examples.load("wrench")
+    joints = np.array([xy for _, xy in pt.transfer(source, target, landmarks).registration.joints])
+    ends = np.array([curve.start for loop in target.loops for curve in loop])
+    apart = np.linalg.norm(joints[:, None] - ends[None], axis=2).min(axis=1) / target.diameter
+    assert (apart > 1e-3).sum() >= len(joints) / 2
+
+
+def test_command_runs_an_example(tmp_path):
+    folder = tmp_path / "new" / "wrench"
+    outcome = CliRunner().invoke(main, ["examples", "wrench", "-o", str(folder)])
+    assert outcome.exit_code == 0, outcome.output
+    assert "certified" in outcome.output
+    assert {p.name for p in folder.iterdir()} == {
+        *("source.xml", "target.svg", "landmarks.csv", "result.xml"),
+        *("transfer.png", "registration.png", "report.json"),
+    }
+    report = json.loads((folder / "report.json").read_text())
+    assert report["certificate"]["injective"]
+    assert report["boundary_error"] <= 1e-3
+    assert report["quality"]["scaled_jacobian"]["mean"] >= 0.88
+    written = pt.read(folder / "result.xml")
+    assert pt.certify(written).injective
+    assert pt.read(folder / "source.xml") == examples.load("wrench")[0]
+    assert (folder / "transfer.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_command_lists_examples():
+    outcome = CliRunner().invoke(main, ["examples"])
+    assert outcome.exit_code == 0
+    assert [line.partition(":")[0] for line in outcome.output.splitlines()] == list(examples.EXAMPLES)
+
+
+def test_unknown_name_is_refused_and_lists_the_names(tmp_path):
+    outcome = CliRunner().invoke(main, ["examples", "spanner", "-o", str(tmp_path)])
+    assert outcome.exit_code == 2
+    assert "'spanner'" in outcome.output
+    assert "wrench" in outcome.output
+    assert not list(tmp_path.iterdir())
+
+
+def test_unwritable_folder_is_refused(tmp_path):
+    (tmp_path / "file").write_text("taken")
+    outcome = CliRunner().invoke(main, ["examples", "wrench", "-o", str(tmp_path / "file")])
+    assert outcome.exit_code == 2
+    assert "file" in outcome.output
+    assert (tmp_path / "file").read_text() == "taken"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
+def test_folder_without_permission_is_refused(tmp_path):
+    tmp_path.chmod(0o500)
+    outcome = CliRunner().invoke(main, ["examples", "wrench", "-o", str(tmp_path)])
+    tmp_path.chmod(0o700)
+    assert outcome.exit_code == 2
+    assert "permission" in outcome.output.lower()
+
+
+def test_readme_python_runs(tmp_path, monkeypatch):
+    blocks = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    assert blocks
+    monkeypatch.chdir(tmp_path)
+    for block in blocks:
+        names: dict[str, object] = {}
+        exec(compile(block, "README.md", "exec"), names)
+        result = names["result"]
+        assert isinstance(result, pt.TransferResult)
+        assert result.certificate.injective
+    assert pt.certify(pt.read("result.xml")).injective
