@@ -92,7 +92,7 @@ fn optimisation(c: &mut Criterion) {
         let inner = |i: usize| i > 0 && i + 1 < size;
         let free: Vec<usize> = (0..size * size).filter(|k| inner(k / size) && inner(k % size)).collect();
         let bent: Vec<[f64; 2]> =
-            points.iter().map(|[x, y]| [(1.5 - y) * x.sin(), (1.5 - y) * x.cos()]).collect();
+            points.iter().map(|[x, y]| [(0.5 + y) * x.sin(), (0.5 + y) * x.cos()]).collect();
         let patch = SplinePatch {
             degrees: [3, 3],
             knots: [knots.clone(), knots],

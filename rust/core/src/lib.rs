@@ -3,6 +3,7 @@
 //! One file per published method or data structure; `rust/py` only converts.
 
 mod arcs;
+mod assembly;
 pub mod barrier;
 pub mod bernstein;
 pub mod elements;

@@ -5,6 +5,7 @@
 //! det A > 0 no later iterate loses that. Not guaranteed: that a fold-free map is found, nor anything between the
 //! nodes; the certificate decides that.
 
+use crate::assembly::{Assembly, NOWHERE, Reduced};
 use crate::barrier::{self, HessianKind};
 use crate::elements::{Elements, Scratch};
 use crate::sparse::{Cholesky, CooMatrix, CscMatrix, SparseError, upper_triangle};
@@ -19,8 +20,6 @@ const STEPS_PER_EPS: usize = 4;
 const EXACT_BELOW: f64 = 1e-2;
 /// Elements evaluated in parallel before their contributions are added, in order, by one thread.
 const CHUNK: usize = 512;
-/// Pair of functions with a fixed point: nothing to add.
-const NOWHERE: u32 = u32::MAX;
 
 /// Settings of [`SplineOptimizer::minimise`].
 #[derive(Clone, Copy, Debug)]
@@ -78,159 +77,6 @@ pub struct Outcome {
     pub steps: Vec<Step>,
     /// Why it ended.
     pub stop: Stop,
-}
-
-/// Sparsity of the Hessian of points with two components, and where every pair of functions goes.
-struct Assembly {
-    /// Free index of every shared point.
-    free_of: Vec<u32>,
-    /// Column offsets and row indices of the upper triangle, x and y interleaved.
-    offsets: Vec<usize>,
-    rows: Vec<usize>,
-    /// Per element and pair of functions: position of the 2x2 block's first entry.
-    targets: Vec<u32>,
-    /// Start of every element's targets.
-    starts: Vec<usize>,
-    /// Length of the first of the two columns of every free point.
-    column: Vec<u32>,
-}
-
-impl Assembly {
-    fn new(elements: &Elements, n_points: usize, free: &[usize]) -> Self {
-        let mut free_of = vec![NOWHERE; n_points];
-        for (i, &p) in free.iter().enumerate() {
-            free_of[p] = i as u32;
-        }
-        let n = free.len();
-        let mut neighbours: Vec<Vec<u32>> = vec![vec![]; n];
-        for e in 0..elements.len() {
-            let local: Vec<u32> = elements.points_of(e).iter().map(|&p| free_of[p as usize]).collect();
-            for &s in local.iter().filter(|&&s| s != NOWHERE) {
-                neighbours[s as usize].extend(local.iter().filter(|&&r| r <= s));
-            }
-        }
-        let (mut offsets, mut rows, mut column) = (vec![0], vec![], vec![]);
-        for (s, list) in neighbours.iter_mut().enumerate() {
-            list.sort_unstable();
-            list.dedup();
-            for component in 0..2 {
-                for &r in list.iter() {
-                    rows.push(2 * r as usize);
-                    if (r as usize) < s || component == 1 {
-                        rows.push(2 * r as usize + 1);
-                    }
-                }
-                offsets.push(rows.len());
-            }
-            column.push((offsets[2 * s + 1] - offsets[2 * s]) as u32);
-        }
-        let (mut targets, mut starts) = (vec![], vec![0]);
-        for e in 0..elements.len() {
-            let local: Vec<u32> = elements.points_of(e).iter().map(|&p| free_of[p as usize]).collect();
-            for &f in &local {
-                for &g in &local {
-                    let (r, s) = (f.min(g), f.max(g));
-                    targets.push(if s == NOWHERE {
-                        NOWHERE
-                    } else {
-                        let at = neighbours[s as usize].binary_search(&r).expect("pair is in the pattern");
-                        (offsets[2 * s as usize] + 2 * at) as u32
-                    });
-                }
-            }
-            starts.push(targets.len());
-        }
-        Self { free_of, offsets, rows, targets, starts, column }
-    }
-
-    /// Add an element matrix (layout of [`Elements::contract_hessian`]) to the global values.
-    fn scatter(&self, e: usize, points: &[u32], (nu, nv): (usize, usize), block: &[f64], values: &mut [f64]) {
-        let (n, targets) = (nu * nv, &self.targets[self.starts[e]..self.starts[e + 1]]);
-        for b in 0..nv {
-            for b2 in b..nv {
-                let base = (b * nv + b2) * 4 * nu * nu;
-                for a in 0..nu {
-                    for a2 in if b == b2 { a..nu } else { 0..nu } {
-                        let (f, g) = (a * nv + b, a2 * nv + b2);
-                        let at = targets[f * n + g];
-                        if at == NOWHERE {
-                            continue;
-                        }
-                        let (r, s) = (self.free_of[points[f] as usize], self.free_of[points[g] as usize]);
-                        let k = base + a * nu + a2;
-                        let [xx, xy, yx, yy] = std::array::from_fn(|cd| block[k + cd * nu * nu]);
-                        // The block of (r, s) stands at the larger point's columns; transpose if they are swapped.
-                        let (xy, yx) = if r <= s { (xy, yx) } else { (yx, xy) };
-                        let (first, second) =
-                            (at as usize, at as usize + self.column[r.max(s) as usize] as usize);
-                        values[first] += xx;
-                        values[second] += xy;
-                        values[second + 1] += yy;
-                        if r != s {
-                            values[first + 1] += yx;
-                        }
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// Unknowns of the linear systems: the free points themselves, or coordinates z with `x_free = x_p + Z z`.
-struct Reduced {
-    /// `Z`, free points × reduced unknowns, for one component.
-    z: CscMatrix<f64>,
-    /// `value[to] += weight * full[from]`, sorted by `to`, turns the values of H into those of `Zᵀ H Z`.
-    map: Vec<(u32, u32, f64)>,
-    /// Number of values of `Zᵀ H Z`.
-    values: usize,
-}
-
-impl Reduced {
-    /// Pattern of `Zᵀ H Z` (upper triangle, interleaved) and the linear map between the values.
-    fn new(z: CscMatrix<f64>, assembly: &Assembly) -> (Self, Vec<usize>, Vec<usize>) {
-        let rows_of: Vec<Vec<(usize, f64)>> = {
-            let mut rows = vec![vec![]; z.nrows()];
-            for (i, j, &w) in z.triplet_iter() {
-                rows[i].push((j, w));
-            }
-            rows
-        };
-        // Every entry (i, j) of the upper triangle stands for (j, i) too.
-        let mut triples: Vec<((usize, usize), u32, f64)> = vec![];
-        for column in 0..assembly.offsets.len() - 1 {
-            for k in assembly.offsets[column]..assembly.offsets[column + 1] {
-                let row = assembly.rows[k];
-                for &(p, wp) in &rows_of[row / 2] {
-                    for &(q, wq) in &rows_of[column / 2] {
-                        let (i, j) = (2 * p + row % 2, 2 * q + column % 2);
-                        if i <= j {
-                            triples.push(((j, i), k as u32, wp * wq));
-                        }
-                        if row != column && j <= i {
-                            triples.push(((i, j), k as u32, wp * wq));
-                        }
-                    }
-                }
-            }
-        }
-        triples.sort_by_key(|&(key, from, _)| (key, from));
-        let (mut offsets, mut rows, mut map) = (vec![0; 2 * z.ncols() + 1], vec![], vec![]);
-        let mut last = None;
-        for (key, from, w) in triples {
-            if last != Some(key) {
-                rows.push(key.1);
-                offsets[key.0 + 1] += 1;
-                last = Some(key);
-            }
-            map.push((rows.len() as u32 - 1, from, w));
-        }
-        for c in 0..2 * z.ncols() {
-            offsets[c + 1] += offsets[c];
-        }
-        let values = rows.len();
-        (Self { z, map, values }, offsets, rows)
-    }
 }
 
 /// A multi-patch prepared for harmonic maps and distortion minimisation; all symbolic work is done once.
@@ -550,5 +396,81 @@ impl SplineOptimizer {
         for k in diagonal {
             values[k] += 1e-9 * mean;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spline::SplinePatch;
+
+    /// Two bicubic patches of 3 × 3 spans side by side, bent; knots, shared indices, free points and the start.
+    fn bent_pair() -> (Elements, usize, Vec<usize>, Vec<[f64; 2]>) {
+        let knots: Vec<f64> = [0.0; 4].into_iter().chain([1.0, 2.0]).chain([3.0; 4]).collect();
+        let greville: Vec<f64> = (0..6).map(|i| knots[i + 1..i + 4].iter().sum::<f64>() / 9.0).collect();
+        let (n, columns) = (6, 11);
+        let patches: Vec<SplinePatch> = (0..2)
+            .map(|k| SplinePatch {
+                degrees: [3, 3],
+                knots: [knots.clone(), knots.clone()],
+                shape: [n, n],
+                points: (0..n * n).map(|p| [f64::from(k) + greville[p / n], greville[p % n]]).collect(),
+                weights: None,
+            })
+            .collect();
+        let indices: Vec<Vec<u32>> = (0..2)
+            .map(|k| (0..n * n).map(|p| ((k * (n - 1) + p / n) * n + p % n) as u32).collect())
+            .collect();
+        let elements = Elements::new(&patches, &indices, |p| 2 * p + 1, &[], &[]).unwrap();
+        let mut x = vec![[0.0; 2]; columns * n];
+        for (patch, index) in patches.iter().zip(&indices) {
+            for (&[u, v], &i) in patch.points.iter().zip(index) {
+                let (sin, cos) = (0.9 * u).sin_cos();
+                x[i as usize] = [(1.0 + v) * sin, (1.0 + v) * cos];
+            }
+        }
+        let inside = |p: &usize| p / n > 0 && p / n + 1 < columns && p % n > 0 && p % n + 1 < n;
+        let free: Vec<usize> = (0..columns * n).filter(inside).collect();
+        (elements, columns * n, free, x)
+    }
+
+    fn solve(z: Option<CscMatrix<f64>>, threads: usize) -> Outcome {
+        let (elements, n, free, mut x) = bent_pair();
+        // A folded start.
+        for &p in &free {
+            x[p] = [0.9 - x[p][0], x[p][1]];
+        }
+        let mut optimizer = SplineOptimizer::new(elements, n, free, z).unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| optimizer.minimise(&x, Settings::default(), |_| ControlFlow::Continue(())).unwrap())
+    }
+
+    #[test]
+    fn folds_open_and_the_bits_do_not_depend_on_the_threads() {
+        let one = solve(None, 1);
+        assert!(one.steps[0].min_det < 0.0 && one.min_det > 0.0 && one.stop == Stop::Converged);
+        for threads in [2, 3] {
+            assert_eq!(one.points, solve(None, threads).points);
+        }
+    }
+
+    #[test]
+    fn a_scaled_permutation_as_basis_changes_nothing_but_rounding() {
+        let n = bent_pair().2.len();
+        let mut z = CooMatrix::new(n, n);
+        (0..n).for_each(|i| z.push(i, n - 1 - i, 1.0 + i as f64 / n as f64));
+        let (plain, scaled) = (solve(None, 1), solve(Some(CscMatrix::from(&z)), 1));
+        assert!((plain.energy - scaled.energy).abs() < 1e-10);
+        for (a, b) in plain.points.iter().zip(&scaled.points) {
+            assert!((a[0] - b[0]).abs() + (a[1] - b[1]).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn the_observer_can_stop_it() {
+        let (elements, n, free, x) = bent_pair();
+        let mut optimizer = SplineOptimizer::new(elements, n, free, None).unwrap();
+        let stopped = optimizer.minimise(&x, Settings::default(), |_| ControlFlow::Break(())).unwrap();
+        assert_eq!((stopped.stop, stopped.steps.len(), stopped.points), (Stop::Interrupted, 1, x));
     }
 }
