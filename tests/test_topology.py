@@ -14,7 +14,7 @@ from patchtransfer.topology import polygon_area, signed_area
 from strategies import multipatches, patches, turned
 
 K = [0, 0, 1, 1]
-quick = settings(max_examples=40, deadline=None)
+quick = settings(max_examples=30, deadline=None)
 
 
 def cell(x: float, y: float, width: float = 1.0) -> Patch:

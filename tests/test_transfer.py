@@ -98,7 +98,7 @@ def sheets(draw):
     return models.welded(pt.MultiPatch(patches))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(sheets(), st.floats(-15, 15))
 def test_any_degrees_and_knots(mp, degrees):
     assume(abs(degrees) > 0.1)
@@ -177,7 +177,7 @@ def test_progress_is_reported():
 @pytest.fixture(scope="module")
 def family():
     mp = models.plate_with_hole(2, 2)
-    made = [targets.deformed(mp, targets.bend(mp, d), same_cuts=True)[0] for d in (-20, -10, 10, 20)]
+    made = [targets.deformed(mp, targets.bend(mp, d), same_cuts=True)[0] for d in (-20, 10, 20)]
     return mp, pt.TransferPlan(mp), made
 
 
