@@ -10,7 +10,7 @@ from patchtransfer import BSplineCurve, InputError, Patch
 from patchtransfer.splines import collocation_matrix, knot_spans
 from strategies import curves, patches
 
-quick = settings(max_examples=40, deadline=None)
+quick = settings(max_examples=30, deadline=None)
 LINE = ([0, 0, 1, 1], 1, [[0, 0], [2, 1]])
 
 

@@ -14,7 +14,7 @@ from patchtransfer.topology import polygon_area, signed_area
 from strategies import multipatches, patches, turned
 
 K = [0, 0, 1, 1]
-quick = settings(max_examples=40, deadline=None)
+quick = settings(max_examples=30, deadline=None)
 
 
 def cell(x: float, y: float, width: float = 1.0) -> Patch:
@@ -187,10 +187,17 @@ def test_points_written_with_six_digits_are_still_shared():
     assert glued(mp) == glued(exact)
     assert mp.topology.n_points == exact.topology.n_points
     assert np.abs(mp.topology.coordinates - exact.topology.coordinates).max() < 4e-6
-    # Bit-equal copies are kept as they are.
-    copies = exact.topology
-    for points, patch in zip(copies.points, exact.patches, strict=True):
-        assert np.array_equal(copies.coordinates[points], patch.control_points)
+
+
+def test_bit_equal_copies_keep_their_bits():
+    """A mean of three or seven equal numbers may round."""
+    for valence in (3, 5, 6, 7):
+        mp = models.star(valence)
+        for seed in range(20):
+            t = mp.topology
+            points = np.random.default_rng(seed).uniform(-1, 1, t.coordinates.shape)
+            moved = mp.with_control_points([points[p] for p in t.points])
+            assert np.array_equal(moved.topology.coordinates, points)
 
 
 def test_sides_of_arrays():

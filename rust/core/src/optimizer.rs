@@ -236,6 +236,13 @@ impl SplineOptimizer {
             }
             let converged = step.decrement < settings.tolerance;
             if converged && min_det > 0.0 {
+                // The step is at hand, and near the minimum it squares the error.
+                let mut trial = x.clone();
+                self.move_points(&mut trial, &direction, 1.0);
+                let (e, d) = self.energy(&trial, scale, eps, lambda);
+                if d > 0.0 && e <= energy {
+                    (x, energy, min_det) = (trial, e, d);
+                }
                 return Ok(finish(x, energy, min_det, steps, Stop::Converged));
             }
             let moved = !converged && {
