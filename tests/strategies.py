@@ -45,9 +45,7 @@ def patches(draw, rational=None, max_degree=3):
     u, v = draw(knot_vectors(p, 2)), draw(knot_vectors(q, 2))
     shape = len(u) - p - 1, len(v) - q - 1
     rational = draw(st.booleans()) if rational is None else rational
-    return Patch(
-        (u, v), (p, q), draw(arrays((*shape, 2))), draw(arrays(shape, weights)) if rational else None
-    )
+    return Patch((u, v), (p, q), draw(arrays((*shape, 2))), draw(arrays(shape, weights)) if rational else None)
 
 
 def turned(patch: Patch, transpose: bool, flip_u: bool, flip_v: bool) -> Patch:
@@ -87,9 +85,7 @@ def multipatches(draw, rational=None, max_side=2):
             if draw(st.booleans()) if rational is None else rational:
                 w = np.ones((n, n))
                 w[1:-1, 1:-1] = draw(st.floats(0.5, 2.0))
-            made.append(
-                turned(Patch((knots, knots), (p, p), points, w), *(draw(st.booleans()) for _ in "tuv"))
-            )
+            made.append(turned(Patch((knots, knots), (p, p), points, w), *(draw(st.booleans()) for _ in "tuv")))
     order = draw(st.permutations(range(len(made))))
     ids = draw(st.lists(st.integers(0, 40), min_size=len(made), max_size=len(made), unique=True))
     return MultiPatch([made[i] for i in order], ids=ids)
@@ -114,11 +110,7 @@ def boundaries(draw, rational=None):
             if i == count - 1:
                 points[-1] = loop[0].start if loop else points[0]
             knots = np.concatenate([np.zeros(p), np.linspace(0, 1, 6 - p), np.ones(p)])
-            w = (
-                draw(arrays((5,), weights))
-                if (draw(st.booleans()) if rational is None else rational)
-                else None
-            )
+            w = draw(arrays((5,), weights)) if (draw(st.booleans()) if rational is None else rational) else None
             loop.append(BSplineCurve(knots, p, points, w))
         loops.append(loop)
     return Boundary(loops)

@@ -158,9 +158,7 @@ def test_split_of_nets_that_are_not_folded(mirrored):
 
 
 def test_control_point_on_the_polygon_is_reported():
-    _, warnings = source_mesh(
-        MultiPatch([Patch([BEZIER] * 2, (3, 3), square_patch(_11=(0.5, 0.0)))]).topology
-    )
+    _, warnings = source_mesh(MultiPatch([Patch([BEZIER] * 2, (3, 3), square_patch(_11=(0.5, 0.0)))]).topology)
     assert "lies on the polygon edge" in warnings[0]
 
 

@@ -153,9 +153,9 @@ def test_null_space_path(mesh):
     assert len(flips) == len(energy) == 2
     # By hand: one weighted least-squares problem in the masters for the projected Jacobians.
     corners = mesh.points[mesh.triangles]
-    gradients = np.linalg.inv(
-        np.concatenate([corners, np.ones((len(corners), 3, 1))], axis=2).transpose(0, 2, 1)
-    )[:, :, :2]
+    gradients = np.linalg.inv(np.concatenate([corners, np.ones((len(corners), 3, 1))], axis=2).transpose(0, 2, 1))[
+        :, :, :2
+    ]
     jacobian = np.einsum("fic,fid->fcd", start[mesh.triangles], gradients)
     h = _core.project_bounded_distortion(jacobian.reshape(-1, 4), k).reshape(-1, 2, 2)
     weight = np.sqrt(mesh.areas())

@@ -323,9 +323,7 @@ def test_status_never_contradicts_samples(patch):
         if cell.kind == "folded" and cell.value < -1e-4:
             # At a knot the value is the limit from inside the cell.
             u0, u1, v0, v1 = cell.bounds
-            u, v = (
-                x + 1e-7 * ((a + b) / 2 - x) for x, a, b in zip(cell.point, (u0, v0), (u1, v1), strict=True)
-            )
+            u, v = (x + 1e-7 * ((a + b) / 2 - x) for x, a, b in zip(cell.point, (u0, v0), (u1, v1), strict=True))
             slopes = patch.grid([u], [v], 1, 0)[0, 0], patch.grid([u], [v], 0, 1)[0, 0]
             # The proof takes the orientation from the area, the topology from the control polygon.
             assert np.linalg.det(np.array(slopes)) * det.mean() * mp.topology.orientation[0] < 0
@@ -362,9 +360,7 @@ def test_real_models():
 
 def test_boundary_report_of_wrong_sense():
     corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    lines = [
-        pt.BSplineCurve(BEZIER[1], 1, [a, b]) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
-    ]
+    lines = [pt.BSplineCurve(BEZIER[1], 1, [a, b]) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
     assert check_boundary([lines]).simple is True
     backwards = check_boundary([[line.reversed() for line in lines[::-1]]])
     assert backwards.simple is False

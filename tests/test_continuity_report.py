@@ -127,9 +127,7 @@ def test_c1_residual_of_a_known_offset():
     r = check_continuity(mp, 200)
     ratio = r.interfaces[0].speed_ratio
     assert r.c1_residual == r.c1_residual_all
-    assert r.c1_residual == pytest.approx(
-        np.hypot(0.5 - 0.5 * ratio, 0.1) / (1 + ratio) / mp.diameter, rel=1e-12
-    )
+    assert r.c1_residual == pytest.approx(np.hypot(0.5 - 0.5 * ratio, 0.1) / (1 + ratio) / mp.diameter, rel=1e-12)
     patch, side, t = r.kink_deg.at
     assert (patch, side) == (0, Side.EAST)
     assert t == pytest.approx(0.5, abs=0.01)
@@ -175,10 +173,7 @@ def star(valence: int, seed: int) -> list[pt.Patch]:
     rng = np.random.default_rng(seed)
     at = np.linspace(0, 2 * np.pi, 2 * valence, endpoint=False) + rng.uniform(-0.2, 0.2, 2 * valence)
     ring = (rng.uniform(0.8, 1.2, 2 * valence) * np.array([np.cos(at), np.sin(at)])).T
-    return [
-        quad([0.0, 0.0], ring[2 * k], ring[2 * k + 1], ring[(2 * k + 2) % (2 * valence)])
-        for k in range(valence)
-    ]
+    return [quad([0.0, 0.0], ring[2 * k], ring[2 * k + 1], ring[(2 * k + 2) % (2 * valence)]) for k in range(valence)]
 
 
 @given(
@@ -226,9 +221,7 @@ def bumped(patches: list[pt.Patch], seed: int, weights: bool = False) -> pt.Mult
 def test_c1_rows_that_cannot_hold_are_left_out():
     mp = bumped([p.elevate(2).insert_knots(0, [0.4]).insert_knots(1, [0.4]) for p in star(5, 4)], 1)
     r = check_continuity(mp)
-    diameter = np.hypot(
-        *np.ptp(np.concatenate([p.control_points.reshape(-1, 2) for p in mp.patches]), axis=0)
-    )
+    diameter = np.hypot(*np.ptp(np.concatenate([p.control_points.reshape(-1, 2) for p in mp.patches]), axis=0))
     for f in r.interfaces:
         i = f.interface
         rows = [

@@ -66,10 +66,7 @@ def test_second_order_convergence():
     errors = []
     for n in (8, 16, 32, 64):
         x = np.arange(n) / n
-        sides = [
-            np.stack([a, b], axis=1)
-            for a, b in ((x, 0 * x), (0 * x + 1, x), (1 - x, 0 * x + 1), (0 * x, 1 - x))
-        ]
+        sides = [np.stack([a, b], axis=1) for a, b in ((x, 0 * x), (0 * x + 1, x), (1 - x, 0 * x + 1), (0 * x, 1 - x))]
         mesh = target_mesh([np.concatenate(sides)], max_area=0.5 / n**2)
         image = exact(mesh.points)
         u = mesh_harmonic_map(mesh, mesh.boundary, image[mesh.boundary])

@@ -113,9 +113,7 @@ SEEDS = [
     (gismo.read_boundary, gismo.format_boundary(SQUARE.boundary())),
     (
         svg.read_boundary,
-        SVG.replace("h1v1z", "h3 A2 1 30 0 1 2 5 Q1 1 0 1z").replace(
-            "<path", '<g/><path transform="scale(2)"'
-        ),
+        SVG.replace("h1v1z", "h3 A2 1 30 0 1 2 5 Q1 1 0 1z").replace("<path", '<g/><path transform="scale(2)"'),
     ),
     (points.read_boundary, "x,y\n0,0\n1,0\n1,1\n\n3,3\n4,3\n4.5,4\n3,5\n"),
     (points.read_landmarks, "xs,ys,xt,yt\n1,2,3,4\n5,6,7,8\n"),

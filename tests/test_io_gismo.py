@@ -31,9 +31,7 @@ def save(folder: Path, text: str | bytes, name: str = "model.xml") -> Path:
 
 
 def basis(*knots: str, degree: int = 1) -> str:
-    inner = "".join(
-        f'<Basis type="BSplineBasis"><KnotVector degree="{degree}">{k}</KnotVector></Basis>' for k in knots
-    )
+    inner = "".join(f'<Basis type="BSplineBasis"><KnotVector degree="{degree}">{k}</KnotVector></Basis>' for k in knots)
     return inner if len(knots) == 1 else f'<Basis type="TensorBSplineBasis{len(knots)}">{inner}</Basis>'
 
 
@@ -88,9 +86,7 @@ def test_a_boundary_survives_writing_to_the_bit(boundary):
 @quick
 @given(multipatches(), st.data())
 def test_stated_and_inferred_interfaces_agree(mp, data):
-    text = re.sub(
-        r"<interfaces>.*?</interfaces>|<boundary>.*?</boundary>", "", gismo.format_multipatch(mp), flags=re.S
-    )
+    text = re.sub(r"<interfaces>.*?</interfaces>|<boundary>.*?</boundary>", "", gismo.format_multipatch(mp), flags=re.S)
     assert gismo.read_multipatch(text.encode()).interfaces == mp.interfaces
 
 
@@ -102,9 +98,7 @@ def test_touching_patches_stay_apart_if_the_file_says_so():
 
 
 @needs_models
-@pytest.mark.parametrize(
-    ("name", "counts"), [("yeti", (21, 24, 5)), ("turtle", (15, 22, 1)), ("disc", (5, 8, 1))]
-)
+@pytest.mark.parametrize(("name", "counts"), [("yeti", (21, 24, 5)), ("turtle", (15, 22, 1)), ("disc", (5, 8, 1))])
 def test_real_models_are_read_fast_and_written_back(tmp_path, name, counts):
     path = Path(MODELS) / f"{name}.xml"
     mp = pt.read(path)
@@ -231,12 +225,9 @@ def test_shuffled_reversed_and_slightly_torn_curves_are_chained(boundary, random
         for c, following in zip(loop, loop[1:] + loop[:1], strict=True):
             assert np.array_equal(c.end, following.start)
     expected = sorted(
-        sorted(round(float(c(c.domain[0] * 0.5 + c.domain[1] * 0.5)[0]), 5) for c in x)
-        for x in boundary.loops
+        sorted(round(float(c(c.domain[0] * 0.5 + c.domain[1] * 0.5)[0]), 5) for c in x) for x in boundary.loops
     )
-    got = sorted(
-        sorted(round(float(c(c.domain[0] * 0.5 + c.domain[1] * 0.5)[0]), 5) for c in x) for x in loops
-    )
+    got = sorted(sorted(round(float(c(c.domain[0] * 0.5 + c.domain[1] * 0.5)[0]), 5) for c in x) for x in loops)
     assert [len(x) for x in got] == [len(x) for x in expected]
     assert np.allclose(np.concatenate(got), np.concatenate(expected), atol=3e-5)
 
@@ -377,8 +368,7 @@ def test_gismo_reads_what_we_write_and_we_what_it_writes(tmp_path, mp):
         uv = _uv(patch)
         assert np.allclose(theirs.patch(k).eval(uv.T).T, _values(patch, uv), atol=1e-13)
     glued = {
-        frozenset([(side.patchIndex(), side.index()) for side in (f.first(), f.second())])
-        for f in theirs.interfaces()
+        frozenset([(side.patchIndex(), side.index()) for side in (f.first(), f.second())]) for f in theirs.interfaces()
     }
     assert glued == _sides(mp.interfaces)
     out = pygismo.io.gsFileData()

@@ -146,9 +146,7 @@ def test_blocks_comments_and_headers(tmp_path):
     path.write_text("\ufeff# a blank line ends a block\nx, y\n0,0\n4,0\n\n4,4\n")
     with pytest.raises(InputError, match="fewer than 3"):
         pt.read_boundary(path)
-    path.write_text(
-        "# a square with a hole\nx, y\n0,0\n4,0\n# inside\n4,4\n0,4\n0,0\n\n\n1 1\n2 1 # comment\n2 2\n\n"
-    )
+    path.write_text("# a square with a hole\nx, y\n0,0\n4,0\n# inside\n4,4\n0,4\n0,0\n\n\n1 1\n2 1 # comment\n2 2\n\n")
     outer, hole = pt.read_boundary(path).loops
     assert [c.start.tolist() for c in outer] == [[0, 0], [4, 0], [4, 4], [0, 4]]
     assert [c.start.tolist() for c in hole] == [[1, 1], [2, 1], [2, 2]]

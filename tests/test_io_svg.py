@@ -12,9 +12,7 @@ from patchtransfer.io import svg
 
 
 def picture(content: str) -> Boundary:
-    return svg.read_boundary(
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">{content}</svg>'.encode()
-    )
+    return svg.read_boundary(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">{content}</svg>'.encode())
 
 
 def samples(boundary: Boundary) -> np.ndarray:
@@ -90,9 +88,7 @@ def test_shapes():
 
 
 def test_consecutive_ends_are_equal_to_the_bit():
-    (loop,) = picture(
-        '<path transform="rotate(33.3)" d="m.1 .7 l.1 .2 l.3 .1 c.1 .1 -.2 .2 .1 -1.3 z"/>'
-    ).loops
+    (loop,) = picture('<path transform="rotate(33.3)" d="m.1 .7 l.1 .2 l.3 .1 c.1 .1 -.2 .2 .1 -1.3 z"/>').loops
     for c, following in zip(loop, loop[1:] + loop[:1], strict=True):
         assert np.array_equal(c.end, following.start)
 

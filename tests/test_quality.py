@@ -184,9 +184,7 @@ def test_refuses_nonsense():
 @given(order=st.permutations(range(6)))
 def test_grouping_does_not_matter(order):
     """Patches of different knots, degrees and weights are measured alike in any order."""
-    patches = [
-        wobbly(k, knots=(KNOTS, KNOTS) if k % 2 else (KNOTS, C0_KNOTS), weights=k > 3) for k in range(6)
-    ]
+    patches = [wobbly(k, knots=(KNOTS, KNOTS) if k % 2 else (KNOTS, C0_KNOTS), weights=k > 3) for k in range(6)]
     a, b = quality(pt.MultiPatch(patches, [])), quality(pt.MultiPatch([patches[k] for k in order], []))
     assert a.scaled_jacobian.min == b.scaled_jacobian.min
     assert a.condition_number.mean == pytest.approx(b.condition_number.mean, rel=1e-12)

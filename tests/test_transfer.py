@@ -323,9 +323,7 @@ def notched(*notch) -> tuple[pt.MultiPatch, Boundary, np.ndarray]:
 
 
 def test_a_fit_too_coarse_is_not_called_infeasible():
-    with pytest.raises(
-        pt.NotCertifiedError, match=r"target is feasible, but the source's knots cannot.*refine='auto'"
-    ):
+    with pytest.raises(pt.NotCertifiedError, match=r"target is feasible, but the source's knots cannot.*refine='auto'"):
         pt.transfer(*notched([1.9, 1], [1.9, 0.05], [1.8, 0.05], [1.8, 1]))
 
 

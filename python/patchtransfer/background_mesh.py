@@ -132,9 +132,7 @@ def source_mesh(topology: Topology) -> tuple[TriangleMesh, list[str]]:
     return TriangleMesh(points, triangles[~_degenerate(points, triangles)], loops), warnings
 
 
-def target_mesh(
-    loops: Sequence[ArrayLike], max_area: float | None = None, min_angle: float = 20.0
-) -> TriangleMesh:
+def target_mesh(loops: Sequence[ArrayLike], max_area: float | None = None, min_angle: float = 20.0) -> TriangleMesh:
     """M_b: triangulate a domain bounded by control polygons, with Steiner points.
 
     Parameters

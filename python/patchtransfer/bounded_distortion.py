@@ -113,9 +113,7 @@ def remove_foldovers(
         )
     points = np.array(u, float)
     if points.shape != mesh.points.shape or not np.isfinite(points).all():
-        raise InputError(
-            f"initial map: expected finite positions of shape {mesh.points.shape}, got {points.shape}"
-        )
+        raise InputError(f"initial map: expected finite positions of shape {mesh.points.shape}, got {points.shape}")
     solver = mesh_solver(mesh, np.asarray(fixed, np.int64), null_space)
     k = np.full(len(mesh.triangles), float(k0))
     best, fewest = points, solver.flips(points)

@@ -96,9 +96,7 @@ class Meeting:
             return f"boundary loop {k} turns back on itself {where}"
         crossing = self.kind == "crossing"
         if k == m:
-            return (
-                f"boundary loop {k} {'crosses' if crossing else 'touches or nearly touches'} itself {where}"
-            )
+            return f"boundary loop {k} {'crosses' if crossing else 'touches or nearly touches'} itself {where}"
         return f"boundary loops {k} and {m} {'cross' if crossing else 'touch or nearly touch'} {where}"
 
 
@@ -166,8 +164,7 @@ class Certificate:
             "status": self.status,
             "lower_bound": self.lower_bound,
             "cells": [
-                {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(cell).items()}
-                for cell in self.cells
+                {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(cell).items()} for cell in self.cells
             ],
             "reasons": list(self.reasons),
         }
@@ -309,16 +306,12 @@ def _gluing(multipatch: MultiPatch, positive: Sequence[bool]) -> list[tuple[str,
     topology, patches = multipatch.topology, multipatch.patches
     findings = []
     for f in multipatch.interfaces:
-        name = (
-            f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
-        )
+        name = f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
         a = topology.directed_side(f.patch_a, f.side_a).reversed
         b = topology.directed_side(f.patch_b, f.side_b).reversed
         if (a != b) == f.reversed:
             kind = "folded" if positive[f.patch_a] and positive[f.patch_b] else "undecided"
-            findings.append(
-                (kind, f"{name}: the patches lie on the same side of it, one folds back on the other")
-            )
+            findings.append((kind, f"{name}: the patches lie on the same side of it, one folds back on the other"))
         for what, gap in _gaps(multipatch, f):
             findings.append(
                 (
@@ -384,11 +377,7 @@ def check_boundary(loops: Iterable[Iterable[BSplineCurve]]) -> BoundaryReport:
             reasons.append(f"boundary loop {k}: its sense or nesting could not be decided")
         elif sense != (1 if len(outer) % 2 == 0 else -1):
             wrong = True
-            which = (
-                f"inside loop{'s' if len(outer) > 1 else ''} {', '.join(map(str, outer))}"
-                if outer
-                else "outside"
-            )
+            which = f"inside loop{'s' if len(outer) > 1 else ''} {', '.join(map(str, outer))}" if outer else "outside"
             sense_name = "counter-clockwise" if sense > 0 else "clockwise"
             reasons.append(f"boundary loop {k} lies {which} but runs {sense_name}: the map covers itself")
     simple: bool | None = None if reasons else True

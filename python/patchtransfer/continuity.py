@@ -486,9 +486,7 @@ def _report(mp: MultiPatch, f: Interface, edge: _Edge, found: _Samples, ratio: f
     )
 
 
-def _vertex_reports(
-    mp: MultiPatch, edges: list[_Edge], found: list[_Samples]
-) -> tuple[VertexContinuity, ...]:
+def _vertex_reports(mp: MultiPatch, edges: list[_Edge], found: list[_Samples]) -> tuple[VertexContinuity, ...]:
     residuals: dict[int, list[FloatArray]] = defaultdict(list)
     for edge, s in zip(edges, found, strict=True):
         for point, residual in zip(edge.ends, s.end_residuals, strict=True):
@@ -498,7 +496,5 @@ def _vertex_reports(
         if vertex.extraordinary:
             tangent, twist = np.max(residuals[vertex.point], axis=0)
             x, y = mp.topology.coordinates[vertex.point].tolist()
-            reports.append(
-                VertexContinuity(vertex.point, (x, y), vertex.valence, float(tangent), float(twist))
-            )
+            reports.append(VertexContinuity(vertex.point, (x, y), vertex.valence, float(tangent), float(twist)))
     return tuple(reports)

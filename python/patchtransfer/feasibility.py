@@ -90,15 +90,11 @@ def check_loops(boundary_loops: Sequence[Sequence[BSplineCurve]], what: str) -> 
     for k, around in enumerate(known):
         if len(around) > 1:
             hole = next(m for m in around if m not in outer)
-            raise InfeasibleTargetError(
-                f"{what}: loop {k} lies inside the hole that loop {hole} bounds; remove one"
-            )
+            raise InfeasibleTargetError(f"{what}: loop {k} lies inside the hole that loop {hole} bounds; remove one")
     return warnings
 
 
-def corner_report(
-    loops: Sequence[Sequence[BSplineCurve]], single_patch: Sequence[Sequence[bool]]
-) -> list[Corner]:
+def corner_report(loops: Sequence[Sequence[BSplineCurve]], single_patch: Sequence[Sequence[bool]]) -> list[Corner]:
     """Interior angles at all joints of boundary curves, and what they mean for the patches there.
 
     Parameters
@@ -127,9 +123,7 @@ def _corner(k: int, i: int, before: BSplineCurve, after: BSplineCurve, single: b
     lengths = np.array([np.hypot(*arriving), np.hypot(*leaving)])
     point = (float(after.start[0]), float(after.start[1]))
     if not lengths.all():
-        return Corner(
-            k, i, point, float("nan"), single, "degenerate" if single else "free", 0.0 if single else 1.0
-        )
+        return Corner(k, i, point, float("nan"), single, "degenerate" if single else "free", 0.0 if single else 1.0)
     (a, b), (c, d) = arriving / lengths[0], leaving / lengths[1]
     sine, cosine = float(a * d - b * c), float(a * c + b * d)
     # The boundary turns left by the exterior angle; what is left of 180° lies inside.

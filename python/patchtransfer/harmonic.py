@@ -56,9 +56,7 @@ def mesh_harmonic_map(
     """
     indices, values = np.asarray(boundary_indices, np.int64), np.asarray(boundary_values, float)
     if values.shape != (len(indices), 2) or len(np.unique(indices)) != len(indices):
-        raise InputError(
-            f"boundary: expected {len(indices)} distinct vertices and as many values, got {values.shape}"
-        )
+        raise InputError(f"boundary: expected {len(indices)} distinct vertices and as many values, got {values.shape}")
     solver = mesh_solver(mesh, indices, null_space)
     free = np.setdiff1d(np.arange(len(mesh.points)), indices)
     start = np.zeros((len(free), 2)) if particular is None else np.asarray(particular, float)

@@ -123,9 +123,7 @@ def transfer(
     -------
     matplotlib.figure.Figure
     """
-    figure, axes = _panels(
-        [np.concatenate(lines) for lines in (_sides(source), _loops(target), _sides(result))], 1.2
-    )
+    figure, axes = _panels([np.concatenate(lines) for lines in (_sides(source), _loops(target), _sides(result))], 1.2)
     mappable = _draw_multipatch(axes[0], source, None)
     _draw_boundary(axes[1], target)
     _draw_multipatch(axes[2], result, None)
@@ -378,9 +376,7 @@ def _segments(points: FloatArray, values: FloatArray) -> tuple[FloatArray, Float
     return segments, np.minimum(values[:, :-1], values[:, 1:]).ravel()
 
 
-def _draw_boundary(
-    ax: Axes, boundary: Boundary, color: str = INK, width: float = 1.6, dots: bool = True
-) -> None:
+def _draw_boundary(ax: Axes, boundary: Boundary, color: str = INK, width: float = 1.6, dots: bool = True) -> None:
     _draw_lines(ax, [np.concatenate([line, line[:1]]) for line in _loops(boundary)], color, width)
     if dots:
         ends = np.array([curve.start for loop in boundary.loops for curve in loop])
@@ -429,9 +425,7 @@ def _colorbar(figure: Any, mappable: ScalarMappable, axes: list[Axes]) -> None:
     bar = figure.colorbar(mappable, ax=axes, shrink=0.75, aspect=28, pad=0.02, extend="min", extendfrac=0.04)
     bar.set_label("scaled Jacobian", color=INK)
     bar.set_ticks([0, 0.2, 0.4, 0.6, 0.8, 1], labels=["0", "0.2", "0.4", "0.6", "0.8", "1"])
-    bar.ax.text(
-        0.5, -0.055, "folded", transform=bar.ax.transAxes, ha="center", va="top", fontsize=9, color=FOLDED
-    )
+    bar.ax.text(0.5, -0.055, "folded", transform=bar.ax.transAxes, ha="center", va="top", fontsize=9, color=FOLDED)
     bar.outline.set_visible(False)
     bar.ax.tick_params(length=0, labelsize=9, colors=INK)
 

@@ -116,9 +116,7 @@ def read(path: str | os.PathLike[str]) -> MultiPatch:
         found = _format_of(path, data)
         if found.read is None:
             able = _extensions([f for f in FORMATS if f.read])
-            raise InputError(
-                f"a {found.name} file holds no patches; use read_boundary, or a file of type {able}"
-            )
+            raise InputError(f"a {found.name} file holds no patches; use read_boundary, or a file of type {able}")
         return found.read(data)
 
 
@@ -198,9 +196,7 @@ def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None
         formats = [f for f in FORMATS if f.write or f.write_boundary]
         chosen = next((f for f in formats if path.suffix.lower() in f.extensions), None)
         if chosen is None:
-            raise InputError(
-                f"cannot write {path.suffix or 'a file without extension'}; use {_extensions(formats)}"
-            )
+            raise InputError(f"cannot write {path.suffix or 'a file without extension'}; use {_extensions(formats)}")
         if isinstance(geometry, MultiPatch) and chosen.write:
             text = chosen.write(geometry)
         elif isinstance(geometry, Boundary) and chosen.write_boundary:

@@ -53,9 +53,7 @@ def _integer(text: str, where: str) -> int:
 
 
 def _integers(element: Element | None, where: str) -> list[int]:
-    return (
-        [] if element is None else [_integer(token, where) for token in "".join(element.itertext()).split()]
-    )
+    return [] if element is None else [_integer(token, where) for token in "".join(element.itertext()).split()]
 
 
 def _number(token: str) -> float:
@@ -76,9 +74,7 @@ def _numbers(element: Element, where: str) -> FloatArray:
         try:
             values = np.frombuffer(base64.b64decode(text), BINARY[flag]).astype(np.float64)
         except (ValueError, binascii.Error) as error:
-            raise InputError(
-                f"{where}: <{element.tag}> is not valid base64 ({error}); write it again"
-            ) from None
+            raise InputError(f"{where}: <{element.tag}> is not valid base64 ({error}); write it again") from None
         return _bounded(values, element, where)
     tokens = text.split()
     for convert in (float, _number) if "_" not in text else (_number,):
@@ -138,13 +134,9 @@ def _knots(basis: Element, where: str) -> tuple[FloatArray, int]:
         return np.concatenate([np.zeros(degree), inner, np.ones(degree)]), degree
     knots = _numbers(element, where)
     if len(knots) < 2 * degree + 2:
-        raise InputError(
-            f"{where}: {len(knots)} knots are too few for degree {degree}; {2 * degree + 2} are needed"
-        )
+        raise InputError(f"{where}: {len(knots)} knots are too few for degree {degree}; {2 * degree + 2} are needed")
     if (np.diff(knots) < 0).any():
-        raise InputError(
-            f"{where}: the knots decrease at number {int(np.argmax(np.diff(knots) < 0)) + 2}; sort them"
-        )
+        raise InputError(f"{where}: the knots decrease at number {int(np.argmax(np.diff(knots) < 0)) + 2}; sort them")
     return knots, degree
 
 
@@ -188,11 +180,7 @@ def _tensor(geometry: Element, where: str, directions: int, rational: bool) -> t
         if k[p] != k[0] or k[-p - 1] != k[-1]:
             if not k[p] < k[-p - 1]:
                 raise InputError(f"{where}: the knots span nothing; correct them")
-            h = (
-                points
-                if weights is None
-                else np.concatenate([points * weights[..., None], weights[..., None]], -1)
-            )
+            h = points if weights is None else np.concatenate([points * weights[..., None], weights[..., None]], -1)
             knots[axis], h = clamp(k, p, np.moveaxis(h, axis, 0))
             h = np.moveaxis(h, 0, axis)
             points, weights = (h, None) if weights is None else (h[..., :2] / h[..., 2:], h[..., 2])
@@ -274,9 +262,7 @@ def _patch_ids(block: Element, available: int) -> list[int]:
     elif kind == "id_range" and len(values) == 2:
         # A range is bounded before it is expanded.
         if not 0 <= values[1] - values[0] < available:
-            raise InputError(
-                f"MultiPatch: patches {values[0]} to {values[1]}, but there are {available} geometries"
-            )
+            raise InputError(f"MultiPatch: patches {values[0]} to {values[1]}, but there are {available} geometries")
         ids = list(range(values[0], values[1] + 1))
     else:
         raise InputError("MultiPatch: <patches> must be an id_range of two ids or an id_index; correct it")
@@ -290,9 +276,7 @@ def _glue(patches: list[Patch], ids: list[int], block: Element) -> MultiPatch:
     rows = [_integers(e, "MultiPatch interfaces") for e in block.findall("interfaces")]
     values = [i for row in rows for i in row]
     if len(values) % 8:
-        raise InputError(
-            f"MultiPatch interfaces: {len(values)} numbers are not rows of 8; the file is incomplete"
-        )
+        raise InputError(f"MultiPatch interfaces: {len(values)} numbers are not rows of 8; the file is incomplete")
     if not values:
         sides = sum(len(_integers(e, "MultiPatch boundary")) for e in block.findall("boundary")) // 2
         # All sides listed as boundary says "no interfaces"; nothing listed says nothing.
@@ -347,12 +331,8 @@ def read_boundary(data: bytes) -> Boundary:
 
 
 def _domain(elements: list[list[Element]]) -> Boundary:
-    names = [
-        [f"CurveLoop {k}, {_label(g, i)}" for i, g in enumerate(loop)] for k, loop in enumerate(elements)
-    ]
-    curves = [
-        [_curve(g, n) for g, n in zip(*pair, strict=True)] for pair in zip(elements, names, strict=True)
-    ]
+    names = [[f"CurveLoop {k}, {_label(g, i)}" for i, g in enumerate(loop)] for k, loop in enumerate(elements)]
+    curves = [[_curve(g, n) for g, n in zip(*pair, strict=True)] for pair in zip(elements, names, strict=True)]
     tolerance = TOLERANCE * diameter([c for loop in curves for c in loop])
     loops = []
     for k, (who, loop) in enumerate(zip(names, curves, strict=True)):
@@ -362,9 +342,7 @@ def _domain(elements: list[list[Element]]) -> Boundary:
             continue
         chained = chain(who, loop, tolerance)
         if len(chained) > 1:
-            raise InputError(
-                f"CurveLoop {k}: its curves form {len(chained)} loops; put each into its own CurveLoop"
-            )
+            raise InputError(f"CurveLoop {k}: its curves form {len(chained)} loops; put each into its own CurveLoop")
         loops += chained
     return Boundary(loops)
 

@@ -90,9 +90,7 @@ def chain(names: Sequence[str], curves: Sequence[BSplineCurve], tolerance: float
         if len(meeting) == 1:
             raise InputError(_open_message(names, curves, vertex, at, v, tolerance))
         if len(meeting) > 2:
-            point = next(
-                c.start if a == v else c.end for c, (a, b) in zip(curves, vertex, strict=True) if v in (a, b)
-            )
+            point = next(c.start if a == v else c.end for c, (a, b) in zip(curves, vertex, strict=True) if v in (a, b))
             who = ", ".join(names[i] for i in dict.fromkeys(meeting))
             raise InputError(f"{who} meet at ({point[0]:g}, {point[1]:g}); loops must not branch or touch")
     loops, used = [], [False] * len(curves)
@@ -174,7 +172,4 @@ def _open_message(
     if not gaps:
         return f"{where}: nothing else ends there; close the loop"
     gap, j = min(gaps)
-    return (
-        f"{where}: the nearest free end, of {names[j]}, is {gap:.3g} away (tolerance {tolerance:.3g}); "
-        "close the gap"
-    )
+    return f"{where}: the nearest free end, of {names[j]}, is {gap:.3g} away (tolerance {tolerance:.3g}); close the gap"

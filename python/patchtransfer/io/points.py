@@ -53,9 +53,7 @@ def _values(fields: list[str], number: int, what: str) -> list[float]:
     try:
         values = [float(field) for field in fields]
     except ValueError:
-        raise InputError(
-            f"line {number}: expected {what}, got {', '.join(fields)[:40]!r}; correct it"
-        ) from None
+        raise InputError(f"line {number}: expected {what}, got {', '.join(fields)[:40]!r}; correct it") from None
     # Squares of coordinates must not overflow; the comparison also refuses NaN.
     if not all(abs(value) <= 1e150 for value in values):
         raise InputError(f"line {number}: NaN, infinity or a number above 1e150; give finite numbers")

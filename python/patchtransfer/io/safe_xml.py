@@ -20,15 +20,11 @@ def parse_xml(data: bytes) -> Element:
     try:
         root: Element = fromstring(body, forbid_dtd=True)
     except DefusedXmlException:
-        raise InputError(
-            "has a DOCTYPE or entities, which are refused; delete the <!DOCTYPE ...> part"
-        ) from None
+        raise InputError("has a DOCTYPE or entities, which are refused; delete the <!DOCTYPE ...> part") from None
     except ParseError as error:
         line, column = error.position
         what = str(error).partition(":")[0]
-        raise InputError(
-            f"malformed XML at line {line + skipped}, column {column + 1} ({what}); mend it"
-        ) from None
+        raise InputError(f"malformed XML at line {line + skipped}, column {column + 1} ({what}); mend it") from None
     except (ValueError, LookupError) as error:
         raise InputError(f"not readable as XML ({error}); save it as UTF-8") from None
     return root

@@ -39,9 +39,7 @@ def read_boundary(data: bytes) -> Boundary:
     """Boundary of an SVG picture; see `patchtransfer.read_boundary`."""
     root = parse_xml(data)
     if local_name(root) != "svg":
-        raise InputError(
-            f"the root element is <{local_name(root)}>, not <svg>; save the picture as plain SVG"
-        )
+        raise InputError(f"the root element is <{local_name(root)}>, not <svg>; save the picture as plain SVG")
     subpaths: list[tuple[str, list[Segment]]] = []
     for number, (shape, matrix) in enumerate(_shapes(root, np.eye(3)), 1):
         name = f"<{local_name(shape)}> {shape.get('id') or 'number ' + str(number)}"
@@ -53,9 +51,7 @@ def read_boundary(data: bytes) -> Boundary:
             subpaths.append((name if k == 0 else f"{name}, subpath {k + 1}", placed))
     points = [c for _, segments in subpaths for _, _, c in segments]
     if not points:
-        raise InputError(
-            "holds no closed path; draw the outline as <path> or a shape (text and images are ignored)"
-        )
+        raise InputError("holds no closed path; draw the outline as <path> or a shape (text and images are ignored)")
     size = float(np.linalg.norm(np.ptp(np.concatenate(points), axis=0)))
     return Boundary([_loop(name, segments, size) for name, segments in subpaths])
 
@@ -121,9 +117,7 @@ def _arc(arc: Any) -> Segment:
     k = 4 / 3 * math.tan(delta / n / 4)
     inner = np.column_stack([phi[:-1] * (1 + 1j * k), phi[1:] * (1 - 1j * k)]).ravel()
     unit = np.concatenate([phi[:1], inner, phi[-1:]])
-    z = (arc.radius.real * unit.real + 1j * arc.radius.imag * unit.imag) * np.exp(
-        1j * math.radians(arc.rotation)
-    )
+    z = (arc.radius.real * unit.real + 1j * arc.radius.imag * unit.imag) * np.exp(1j * math.radians(arc.rotation))
     z += arc.center
     z[0], z[-1] = arc.start, arc.end
     knots = np.concatenate([np.zeros(4), np.repeat(np.arange(1, n) / n, 2), np.ones(4)])
