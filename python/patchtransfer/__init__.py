@@ -10,6 +10,7 @@ from .certificate import Certificate, certify
 from .continuity import ContinuityReport, check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError, TransferError
 from .io import read, read_boundary, read_landmarks, write
+from .layout import QuadLayout, from_layout
 from .multipatch import Boundary, Interface, MultiPatch, Side
 from .quality import Quality, quality
 from .result import TransferResult
@@ -27,6 +28,7 @@ __all__ = [
     "MultiPatch",
     "NotCertifiedError",
     "Patch",
+    "QuadLayout",
     "Quality",
     "Side",
     "TransferError",
@@ -35,6 +37,7 @@ __all__ = [
     "__version__",
     "certify",
     "check_continuity",
+    "from_layout",
     "plot",
     "quality",
     "read",

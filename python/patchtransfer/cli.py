@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,11 @@ SUFFIXES = {"model": (".xml",), "picture": (".png", ".svg", ".pdf"), "report": (
 
 def _print_error(message: str) -> None:
     Console(stderr=True, soft_wrap=True, highlight=False).print(f"[bold red]error:[/] {_escape(message)}")
+
+
+def _warn(warnings: Iterable[str]) -> None:
+    for warning in warnings:
+        Console(stderr=True, soft_wrap=True, highlight=False).print(f"[yellow]warning:[/] {_escape(warning)}")
 
 
 def _escape(text: str) -> str:
@@ -198,8 +203,41 @@ def transfer(
     quiet = json_path == "-"
     if not quiet:
         _summary(result.to_dict(), output)
-    for warning in result.warnings:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(f"[yellow]warning:[/] {_escape(warning)}")
+    _warn(result.warnings)
+    sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
+
+
+@main.command()
+@click.argument("layout", type=click.Path())
+@click.option("-o", "--output", required=True, metavar="OUT.xml", help="Multi-patch (G+Smo XML).")
+@click.option("--keep-uncertified", is_flag=True, help="Write the best map even without a certificate.")
+@click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
+@_json
+def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | None, json_path: str | None) -> None:
+    """Parameterize a domain from the quad layout LAYOUT (JSON) and the boundary that it names."""
+    from . import io, plot
+    from .layout import from_layout
+
+    report = _Report(json_path)
+    with _failures(report):
+        _check_outputs(model=output, picture=plot_path, report=json_path)
+        given = io.read_layout(layout)
+        result = from_layout(
+            given.vertices,
+            given.quads,
+            given.boundary,
+            given.degree,
+            given.spans,
+            assignment=given.assignment,
+            on_failure="return" if keep_uncertified else "raise",
+        )
+        if plot_path is not None:
+            plot.savefig(plot.multipatch(result.multipatch), plot_path)
+        io.write(result.multipatch, output)
+        report.write(result.to_dict())
+    if json_path != "-":
+        _summary(result.to_dict(), output)
+    _warn(result.warnings)
     sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
 
 
@@ -339,8 +377,7 @@ def examples(name: str | None, output: str | None) -> None:
     with _failures(_Report(None)), _progress() as progress:
         result = bundled.run(name, folder, progress)
     _summary(result.to_dict(), os.path.join(folder, ""))
-    for warning in result.warnings:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(f"[yellow]warning:[/] {_escape(warning)}")
+    _warn(result.warnings)
 
 
 if __name__ == "__main__":

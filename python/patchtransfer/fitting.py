@@ -43,7 +43,7 @@ LEVELLING, PATIENCE = 40, 10
 #: What counts as an improvement of the error, before levelling and during it.
 IMPROVEMENT = (0.1, 0.01)
 #: A tangent turns by at most this angle in one step, and gets no shorter than this part of the source's (to scale).
-MAX_TURN, SHORTEST_LEG = 0.1, 0.4
+MAX_TURN, SHORTEST_LEG = 0.1, 0.2
 #: At a corner a leg may stray from the target's tangent by this angle before it is put on it.
 MAX_STRAY = np.radians(25.0)
 

@@ -28,7 +28,7 @@ from .optimize import Progress, SplineOptimizer, degenerate_corners, optimize_wi
 from .quality import quality
 from .registration import register
 from .result import TransferResult
-from .splines import FloatArray
+from .splines import FloatArray, Patch
 from .topology import CORNERS
 
 __all__ = ["TransferPlan", "transfer"]
@@ -108,6 +108,8 @@ class TransferPlan:
     ----------
     source : MultiPatch
     continuity : {"c0"}, default "c0"
+    reference : sequence of Patch, optional
+        Maps that distortion is measured against, one a patch on the same knots; default the source's own patches.
 
     Raises
     ------
@@ -115,7 +117,7 @@ class TransferPlan:
         On a source that cannot be transferred: folded (naming the patch), rational, disconnected.
     """
 
-    def __init__(self, source: MultiPatch, continuity: str = "c0") -> None:
+    def __init__(self, source: MultiPatch, continuity: str = "c0", *, reference: Sequence[Patch] | None = None) -> None:
         if continuity not in CONTINUITY:
             raise InputError(f"continuity must be one of {', '.join(CONTINUITY)}, got {continuity!r}")
         if continuity != "c0":
@@ -128,6 +130,7 @@ class TransferPlan:
             )
         self.source = source
         self.continuity = continuity
+        self.reference = reference
         topology = source.topology
         if topology.n_components != 1:
             raise InputError(
@@ -145,8 +148,12 @@ class TransferPlan:
             raise InputError(f"the source is not an injective parameterization: {'; '.join(certificate.reasons)}")
         self._thread = threading.local()
 
-    def __reduce__(self) -> tuple[type[TransferPlan], tuple[MultiPatch, str]]:
-        return TransferPlan, (self.source, self.continuity)
+    def __getstate__(self) -> dict[str, object]:
+        # Optimizers stay behind: they are rebuilt where the plan arrives.
+        return {name: value for name, value in self.__dict__.items() if name != "_thread"}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state, _thread=threading.local())
 
     def transfer(
         self,
@@ -178,7 +185,8 @@ class TransferPlan:
             result = None
         good = result is not None and result.boundary_error <= fit_tolerance and result.certificate.injective
         if result is None or (refine == "auto" and not good):
-            finer = TransferPlan(refine_uniformly(self._welded), self.continuity)
+            reference = None if self.reference is None else [_halve_spans(patch) for patch in self.reference]
+            finer = TransferPlan(refine_uniformly(self._welded), self.continuity, reference=reference)
             result = finer._attempt(target, landmarks, method, progress, fit_tolerance).with_warning(
                 "the source was refined uniformly: one knot in every span of every patch"
             )
@@ -311,12 +319,18 @@ class TransferPlan:
             key = (nodes_per_degree, tuple(excluded))
             if extra_nodes:
                 return SplineOptimizer(
-                    topology, nodes_per_degree=nodes_per_degree, extra_nodes=extra_nodes, excluded_corners=excluded
+                    topology,
+                    self.reference,
+                    nodes_per_degree=nodes_per_degree,
+                    extra_nodes=extra_nodes,
+                    excluded_corners=excluded,
                 )
             # Symbolic work is kept, one optimizer a thread because it owns its buffers.
             cache: dict[object, SplineOptimizer] = self._thread.__dict__.setdefault("optimizers", {})
             if key not in cache:
-                cache[key] = SplineOptimizer(topology, nodes_per_degree=nodes_per_degree, excluded_corners=excluded)
+                cache[key] = SplineOptimizer(
+                    topology, self.reference, nodes_per_degree=nodes_per_degree, excluded_corners=excluded
+                )
             return cache[key]
 
         with clock("optimisation"):
@@ -381,10 +395,11 @@ class _Clock:
 
 def refine_uniformly(source: MultiPatch) -> MultiPatch:
     """The same geometry with one knot inserted in the middle of every span of every patch."""
-    patches = []
-    for patch in source.patches:
-        for axis in (0, 1):
-            breaks = np.unique(patch.knots[axis])
-            patch = patch.insert_knots(axis, (breaks[:-1] + breaks[1:]) / 2)
-        patches.append(patch)
-    return MultiPatch(patches, source.interfaces, source.ids)
+    return MultiPatch([_halve_spans(patch) for patch in source.patches], source.interfaces, source.ids)
+
+
+def _halve_spans(patch: Patch) -> Patch:
+    for axis in (0, 1):
+        breaks = np.unique(patch.knots[axis])
+        patch = patch.insert_knots(axis, (breaks[:-1] + breaks[1:]) / 2)
+    return patch

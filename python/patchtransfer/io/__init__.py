@@ -26,8 +26,9 @@ from ..multipatch import Boundary, MultiPatch
 from ..splines import FloatArray
 from . import gismo, points, svg
 from .atomic import read_bytes, write_atomic
+from .layout_json import LayoutFile, parse_layout
 
-__all__ = ["FORMATS", "Format", "read", "read_boundary", "read_landmarks", "write"]
+__all__ = ["FORMATS", "Format", "read", "read_boundary", "read_landmarks", "read_layout", "write"]
 
 
 @dataclass(frozen=True)
@@ -172,6 +173,22 @@ def read_landmarks(path: str | os.PathLike[str]) -> FloatArray:
     path = Path(path)
     with _naming(path):
         return points.read_landmarks(read_bytes(path))
+
+
+def read_layout(path: str | os.PathLike[str]) -> LayoutFile:
+    """Read a quad layout (JSON) with the boundary file that it names.
+
+    Fields: ``vertices`` [[x, y], ...], ``quads`` [[a, b, c, d], ...], ``boundary`` (a file, relative to the layout's
+    folder), optionally ``degree`` (3), ``spans`` (2) and ``assignment`` {vertex: [x, y]}.
+
+    Raises
+    ------
+    InputError
+        Naming the file and what is wrong.
+    """
+    path = Path(path)
+    with _naming(path):
+        return parse_layout(read_bytes(path), path.parent, read_boundary)
 
 
 def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None:
