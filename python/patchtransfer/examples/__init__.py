@@ -98,11 +98,7 @@ def run(name: str, folder: str | os.PathLike[str], progress: Progress | None = N
     except OSError as error:
         raise InputError(f"{folder}: the folder cannot be made ({error.strerror}); choose another one") from None
     for item in INPUTS:
-        path = folder / item
-        try:
-            write_atomic(path, (files(__name__) / name / item).read_bytes())
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
+        write_atomic(folder / item, (files(__name__) / name / item).read_bytes())
     source, target, landmarks = load(name)
     result = transfer(source, target, landmarks, progress=progress)
     metrics = result.quality.scaled_jacobian
