@@ -436,7 +436,7 @@ mod tests {
                 x[i as usize] = [(1.0 + v) * sin, (1.0 + v) * cos];
             }
         }
-        let inside = |p: &usize| p / n > 0 && p / n + 1 < columns && p % n > 0 && p % n + 1 < n;
+        let inside = |p: &usize| (1..columns - 1).contains(&(p / n)) && (1..n - 1).contains(&(p % n));
         let free: Vec<usize> = (0..columns * n).filter(inside).collect();
         (elements, columns * n, free, x)
     }
