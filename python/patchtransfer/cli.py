@@ -98,10 +98,7 @@ def _set_threads(threads: int | None) -> None:
     if threads is not None:
         from . import _core
 
-        try:
-            _core.set_threads(threads)
-        except RuntimeError as error:
-            raise InputError(f"--threads: {error}") from None
+        _core.set_threads(threads)
 
 
 _json = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')

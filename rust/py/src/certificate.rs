@@ -1,5 +1,6 @@
 //! Bindings of `patchtransfer_core::{injectivity, simple_loops}`.
 
+use crate::threads;
 use patchtransfer_core::bernstein::MAX_DEGREE;
 use patchtransfer_core::injectivity::{self, CellKind, Limits};
 use patchtransfer_core::simple_loops::{self, MeetingKind, Place};
@@ -35,7 +36,7 @@ fn certify_patches(
         return Err(PyValueError::new_err(format!("degrees must be 1 to {}", (MAX_DEGREE + 1) / 3)));
     }
     let limits = Limits { max_depth, ..Limits::default() };
-    let proofs = py.detach(|| injectivity::certify_patches(&patches, &signs, &limits));
+    let proofs = threads::run(py, || injectivity::certify_patches(&patches, &signs, &limits))?;
     let kind = |kind| match kind {
         CellKind::Degenerate => "degenerate",
         CellKind::Undecided => "undecided",
@@ -64,7 +65,7 @@ fn certify_loops(py: Python<'_>, loops: Vec<Vec<CurveTuple<'_>>>) -> PyResult<Lo
     if loops.iter().flatten().any(|c| c.degree == 0 || 2 * c.degree > MAX_DEGREE) {
         return Err(PyValueError::new_err(format!("degrees must be 1 to {}", MAX_DEGREE / 2)));
     }
-    let proof = py.detach(|| simple_loops::check_loops(&loops));
+    let proof = threads::run(py, || simple_loops::check_loops(&loops))?;
     let kind = |kind| match kind {
         MeetingKind::Crossing => "crossing",
         MeetingKind::Near => "near",

@@ -1,5 +1,6 @@
 //! Bindings of the mesh method: triangulation, cotan Laplacian, bounded distortion.
 
+use crate::threads;
 use numpy::ndarray::{Array1, Array2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use patchtransfer_core::laplacian::{self, MeshError};
@@ -91,8 +92,8 @@ fn triangulate<'py>(
     let loops: Vec<Vec<usize>> = loops.iter().map(indices).collect::<PyResult<_>>()?;
     let refinement = (min_angle.is_some() || max_area.is_some())
         .then(|| Refinement { min_angle: min_angle.unwrap_or(0.0), max_area });
-    let mesh =
-        py.detach(|| triangulation::triangulate(&points, &loops, refinement)).map_err(triangulation_error)?;
+    let mesh = threads::run(py, || triangulation::triangulate(&points, &loops, refinement))?
+        .map_err(triangulation_error)?;
     let flat: Vec<i64> = mesh.triangles.into_flattened().into_iter().map(|v| v as i64).collect();
     let triangles = Array2::from_shape_vec((flat.len() / 3, 3), flat).expect("sizes agree");
     Ok((rows(py, mesh.points), triangles.into_pyarray(py)))
@@ -106,7 +107,7 @@ fn cotan_laplacian<'py>(
     triangles: PyReadonlyArray2<'py, i64>,
 ) -> PyResult<CscTuple<'py>> {
     let (points, triangles) = (points2(&points)?, triangles3(&triangles)?);
-    let matrix = py.detach(|| laplacian::cotan_laplacian(&points, &triangles)).map_err(mesh_error)?;
+    let matrix = threads::run(py, || laplacian::cotan_laplacian(&points, &triangles))?.map_err(mesh_error)?;
     let shape = (matrix.nrows(), matrix.ncols());
     let (offsets, rows, values) = matrix.disassemble();
     let signed = |v: Vec<usize>| v.into_iter().map(|i| i as i64).collect::<Array1<i64>>().into_pyarray(py);
@@ -138,7 +139,7 @@ fn project_bounded_distortion<'py>(
     let j: Vec<[f64; 4]> =
         jacobians.as_array().rows().into_iter().map(|r| [r[0], r[1], r[2], r[3]]).collect();
     let mut out = vec![[0.0; 4]; j.len()];
-    py.detach(|| ssvd::project_all(&j, &k, &mut out));
+    threads::run(py, || ssvd::project_all(&j, &k, &mut out))?;
     Ok(rows(py, out))
 }
 
@@ -188,7 +189,7 @@ impl LocalGlobal {
                 .map_err(|e| PyValueError::new_err(format!("null-space basis: {e}")))?,
             ),
         };
-        let solver = py.detach(|| local_global::LocalGlobal::new(&points, &triangles, &fixed, z));
+        let solver = threads::run(py, || local_global::LocalGlobal::new(&points, &triangles, &fixed, z))?;
         solver.map(Self).map_err(mesh_error)
     }
 
@@ -199,7 +200,7 @@ impl LocalGlobal {
         u: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let mut u = self.positions(&u)?;
-        py.detach(|| self.0.harmonic(&mut u));
+        threads::run(py, || self.0.harmonic(&mut u))?;
         Ok(rows(py, u))
     }
 
@@ -214,14 +215,11 @@ impl LocalGlobal {
     ) -> PyResult<IterateTuple<'py>> {
         let mut u = self.positions(&u)?;
         let k = bounds(&k, self.0.n_faces())?;
-        let mut interrupt = Ok(());
-        let report = py.detach(|| {
-            self.0.iterate(&mut u, &k, iterations, tolerance, || {
-                interrupt = Python::attach(|py| py.check_signals());
-                interrupt.is_ok()
-            })
-        });
-        interrupt?;
+        let report = threads::run_watched(
+            py,
+            |report| self.0.iterate(&mut u, &k, iterations, tolerance, || report(())),
+            |_, ()| Ok(()),
+        )?;
         Ok((rows(py, u), report.flips, report.energy))
     }
 
@@ -232,13 +230,13 @@ impl LocalGlobal {
         u: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let u = self.positions(&u)?;
-        Ok(rows(py, py.detach(|| self.0.singular_values(&u))))
+        Ok(rows(py, threads::run(py, || self.0.singular_values(&u))?))
     }
 
     /// Number of faces with det J ≤ 0.
     fn flips(&self, py: Python<'_>, u: PyReadonlyArray2<'_, f64>) -> PyResult<usize> {
         let u = self.positions(&u)?;
-        Ok(py.detach(|| self.0.flips(&u)))
+        Ok(threads::run(py, || self.0.flips(&u))?)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Bindings of `patchtransfer_core::optimizer`.
 
 use crate::convert::{PatchTuple, patch, points2};
+use crate::threads;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use patchtransfer_core::elements::Elements;
@@ -66,11 +67,11 @@ impl SplineOptimizer {
             }
             CscMatrix::from(&coo)
         });
-        py.detach(|| {
+        threads::run(py, || {
             let rule = |degree: usize| nodes_per_degree * degree + 1;
             let elements = Elements::new(&reference, &indices, rule, &extra, &excluded).map_err(runtime)?;
             Ok(Self { core: Core::new(elements, n_points, free, z).map_err(runtime)? })
-        })
+        })?
     }
 
     fn harmonic<'py>(
@@ -79,13 +80,13 @@ impl SplineOptimizer {
         points: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let x = self.shared_points(&points)?;
-        let out = py.detach(|| self.core.harmonic(&x)).map_err(runtime)?;
+        let out = threads::run(py, || self.core.harmonic(&x))?.map_err(runtime)?;
         Ok(array2(py, &out))
     }
 
     fn determinants(&self, py: Python<'_>, points: PyReadonlyArray2<'_, f64>) -> PyResult<(f64, f64)> {
         let x = self.shared_points(&points)?;
-        Ok(py.detach(|| self.core.determinants(&x)))
+        threads::run(py, || self.core.determinants(&x))
     }
 
     #[pyo3(signature = (points, lambda_=0.3, max_steps=200, tolerance=1e-8, callback=None))]
@@ -100,30 +101,21 @@ impl SplineOptimizer {
     ) -> PyResult<Outcome<'py>> {
         let x = self.shared_points(&points)?;
         let settings = Settings { lambda: lambda_, max_steps, tolerance };
-        let mut failure: Option<PyErr> = None;
         let mut count = 0_usize;
-        let outcome = py.detach(|| {
-            self.core.minimise(&x, settings, |step: &Step| {
+        let outcome = threads::run_watched(
+            py,
+            |report| {
+                self.core.minimise(&x, settings, |step: &Step| {
+                    if report(*step) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+                })
+            },
+            |py, step: Step| {
                 count += 1;
-                // Back in Python for a moment: Ctrl-C and the progress callback.
-                let seen = Python::attach(|py| {
-                    py.check_signals()?;
-                    callback
-                        .as_ref()
-                        .map_or(Ok(()), |f| f.call1(py, (count, step.energy, step.min_det)).map(|_| ()))
-                });
-                match seen {
-                    Ok(()) => ControlFlow::Continue(()),
-                    Err(error) => {
-                        failure = Some(error);
-                        ControlFlow::Break(())
-                    }
-                }
-            })
-        });
-        if let Some(error) = failure {
-            return Err(error);
-        }
+                callback
+                    .as_ref()
+                    .map_or(Ok(()), |f| f.call1(py, (count, step.energy, step.min_det)).map(|_| ()))
+            },
+        )?;
         let outcome = outcome.map_err(runtime)?;
         let history: Vec<f64> =
             outcome.steps.iter().flat_map(|s| [s.energy, s.min_det, s.eps, s.decrement]).collect();
