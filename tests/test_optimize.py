@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 import models
 import targets
 from patchtransfer import MultiPatch, Patch, certify
+from patchtransfer.errors import InputError
 from patchtransfer.optimize import AREA_WEIGHT, SplineOptimizer, degenerate_corners, optimize_with_ladder
 from patchtransfer.splines import collocation_matrix
 
@@ -404,7 +405,7 @@ def test_degenerate_corners_are_found_and_left_out():
     assert degenerate_corners(mp.patches) == [(0, 3)]
     assert degenerate_corners(models.o_grid().patches) == []
     # Singular at a node: refused unless the corner is left out.
-    with pytest.raises(RuntimeError, match=r"patch 0 is singular at \(u, v\) = \(1, 1\)"):
+    with pytest.raises(InputError, match=r"patch 0 is singular at \(u, v\) = \(1, 1\)"):
         SplineOptimizer(mp.topology)
     optimizer = SplineOptimizer(mp.topology, excluded_corners=[(0, 3)])
     x = mp.topology.coordinates

@@ -131,7 +131,8 @@ class Certificate:
     Attributes
     ----------
     injective : bool
-        Proved injective: status "certified" or "degenerate".
+        Status "certified": proved injective; or "degenerate": proved but at the named patch corners, where det J
+        vanishes within the rounding of the coordinates.
     status : str
         "certified"; "degenerate": injective, but det J = 0 within rounding at named patch corners; "folded":
         proved not to be injective; "undecided".
@@ -142,8 +143,9 @@ class Certificate:
     cells : tuple of Cell
         Failing or degenerate places, at most 32 of a kind and patch, worst first.
     reasons : tuple of str
-        Why the status is not "certified", one line each; and what was assumed of interfaces whose sides differ by
-        rounding.
+        Why the status is not "certified", one line each.
+    notes : tuple of str
+        What the outcome is for where that is not the stored numbers: interfaces whose sides differ by rounding.
     boundary : BoundaryReport
     subdivisions : int
         Number of cells examined beyond the patches' Bézier pieces.
@@ -154,6 +156,7 @@ class Certificate:
     lower_bound: float
     cells: tuple[Cell, ...]
     reasons: tuple[str, ...]
+    notes: tuple[str, ...]
     boundary: BoundaryReport
     subdivisions: int
 
@@ -162,16 +165,18 @@ class Certificate:
         return {
             "injective": self.injective,
             "status": self.status,
-            "lower_bound": self.lower_bound,
+            "lower_bound": self.lower_bound if np.isfinite(self.lower_bound) else None,
             "cells": [
                 {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(cell).items()} for cell in self.cells
             ],
             "reasons": list(self.reasons),
+            "notes": list(self.notes),
         }
 
     def __str__(self) -> str:
         if self.status == "certified":
-            return f"certified injective: det J >= {self.lower_bound:.3g} of its mean on every patch"
+            welded = " (sides that differ by rounding taken at their mean)" if self.notes else ""
+            return f"certified injective: det J >= {self.lower_bound:.3g} of its mean on every patch{welded}"
         head = "injective, degenerate" if self.injective else f"not certified ({self.status})"
         more = f" (and {len(self.reasons) - 1} more)" if len(self.reasons) > 1 else ""
         return f"{head}: {self.reasons[0]}{more}"
@@ -249,7 +254,8 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
         status=status,
         lower_bound=min(proof[0] for proof in proofs),
         cells=tuple(cells),
-        reasons=_shorten([*(text for _, text in ordered), *notes]),
+        reasons=_shorten([text for _, text in ordered]),
+        notes=tuple(notes),
         boundary=boundary,
         subdivisions=sum(proof[2] for proof in proofs),
     )

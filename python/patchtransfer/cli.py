@@ -27,6 +27,24 @@ NOT_CERTIFIED, BAD_INPUT = 1, 2
 SUFFIXES = {"model": (".xml",), "picture": (".png", ".svg", ".pdf"), "report": (".json", ".txt")}
 
 
+@contextmanager
+def _all_or_nothing(*paths: str | None) -> Iterator[None]:
+    """Put files back as they were when writing one of several fails."""
+    files = [Path(path) for path in paths if path is not None and path != "-"]
+    if len({file.absolute() for file in files}) < len(files):
+        raise InputError("two outputs have the same path; give each a file of its own")
+    before = {file: file.read_bytes() if file.is_file() else None for file in files}
+    try:
+        yield
+    except BaseException:
+        for file, content in before.items():
+            if content is None:
+                file.unlink(missing_ok=True)
+            elif file.read_bytes() != content:
+                file.write_bytes(content)
+        raise
+
+
 def _print_error(message: str) -> None:
     Console(stderr=True, soft_wrap=True, highlight=False).print(f"[bold red]error:[/] {_escape(message)}")
 
@@ -136,7 +154,7 @@ def main() -> None:
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
 @click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
 @_json
-@click.option("--threads", type=click.IntRange(min=1), metavar="N", help="Threads of the core (default: all).")
+@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
 def transfer(
     source: str,
     target: str,
@@ -180,23 +198,23 @@ def transfer(
                 fit_tolerance=fit_tolerance,
                 on_failure="return" if keep_uncertified else "raise",
             )
-        # Pictures before the result: a failure leaves no output without them.
-        if plot_path is not None:
-            metrics = result.quality.scaled_jacobian
-            caption = (
-                f"{result.certificate.status}; scaled Jacobian {metrics.min:.3f} to {metrics.max:.3f}, "
-                f"mean {metrics.mean:.3f}"
-            )
-            plot.savefig(plot.transfer(model, boundary, result.multipatch, caption=caption), plot_path)
-        if plot_registration is not None:
-            pairs = [[*a, *b] for a, b in result.registration.joints]
-            fitted = result.multipatch.boundary()
-            plot.savefig(plot.registration(model.boundary(), fitted, pairs, boundary), plot_registration)
-        io.write(result.multipatch, output)
-        content = result.to_dict()
-        if not result.certificate.injective:
-            content["error"] = str(result.certificate)
-        report.write(content)
+        with _all_or_nothing(output, plot_path, plot_registration, json_path):
+            if plot_path is not None:
+                metrics = result.quality.scaled_jacobian
+                caption = (
+                    f"{result.certificate.status}; scaled Jacobian {metrics.min:.3f} to {metrics.max:.3f}, "
+                    f"mean {metrics.mean:.3f}"
+                )
+                plot.savefig(plot.transfer(model, boundary, result.multipatch, caption=caption), plot_path)
+            if plot_registration is not None:
+                pairs = [[*a, *b] for a, b in result.registration.joints]
+                fitted = result.multipatch.boundary()
+                plot.savefig(plot.registration(model.boundary(), fitted, pairs, boundary), plot_registration)
+            io.write(result.multipatch, output)
+            content = result.to_dict()
+            if not result.certificate.injective:
+                content["error"] = str(result.certificate)
+            report.write(content)
     quiet = json_path == "-"
     if not quiet:
         _summary(result.to_dict(), output)
@@ -228,10 +246,11 @@ def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | Non
             assignment=given.assignment,
             on_failure="return" if keep_uncertified else "raise",
         )
-        if plot_path is not None:
-            plot.savefig(plot.multipatch(result.multipatch), plot_path)
-        io.write(result.multipatch, output)
-        report.write(result.to_dict())
+        with _all_or_nothing(output, plot_path, json_path):
+            if plot_path is not None:
+                plot.savefig(plot.multipatch(result.multipatch), plot_path)
+            io.write(result.multipatch, output)
+            report.write(result.to_dict())
     if json_path != "-":
         _summary(result.to_dict(), output)
     _warn(result.warnings)
@@ -292,10 +311,15 @@ def _corner_index(knots: Any, point: tuple[float, float]) -> int:
 
 def _topology(model: Any) -> dict[str, Any]:
     vertices = model.vertices
+    try:
+        loops = len(model.loops)
+    except InputError:
+        # The certificate says what is wrong with them.
+        loops = None
     return {
         "patches": len(model.patches),
         "interfaces": len(model.interfaces),
-        "boundary_loops": len(model.loops),
+        "boundary_loops": loops,
         "control_points": model.topology.n_points,
         "left_handed_patches": int((model.topology.orientation < 0).sum()),
         "extraordinary_vertices": [

@@ -118,10 +118,14 @@ class MultiPatch:
         return len(self.patches)
 
     def __repr__(self) -> str:
-        holes = len(self.loops) - 1
+        try:
+            holes = max(len(self.loops) - self.topology.n_components, 0)
+            loops = f"{holes} hole{'' if holes == 1 else 's'}"
+        except InputError:
+            loops = "open boundary"
         return (
-            f"<MultiPatch: {len(self.patches)} patches, {len(self.interfaces)} interfaces, "
-            f"{holes} hole{'' if holes == 1 else 's'}, {self.topology.n_points} control points>"
+            f"<MultiPatch: {len(self.patches)} patches, {len(self.interfaces)} interfaces, {loops}, "
+            f"{self.topology.n_points} control points>"
         )
 
     @cached_property

@@ -71,16 +71,19 @@ class SplineOptimizer:
         if null_space is not None:
             z = null_space.tocoo()
             triplets = (z.row.astype(np.int64), z.col.astype(np.int64), z.data.astype(float), z.shape[1])
-        self._core = _core.SplineOptimizer(
-            [(*patch.knots, *patch.degrees, patch.control_points, None) for patch in patches],
-            [np.ascontiguousarray(points.ravel()) for points in topology.points],
-            topology.n_points,
-            topology.interior_points.tolist(),
-            nodes_per_degree,
-            list(extra_nodes),
-            list(excluded_corners),
-            triplets,
-        )
+        try:
+            self._core = _core.SplineOptimizer(
+                [(*patch.knots, *patch.degrees, patch.control_points, None) for patch in patches],
+                [np.ascontiguousarray(points.ravel()) for points in topology.points],
+                topology.n_points,
+                topology.interior_points.tolist(),
+                nodes_per_degree,
+                list(extra_nodes),
+                list(excluded_corners),
+                triplets,
+            )
+        except RuntimeError as error:
+            raise InputError(f"the source cannot be optimised on: {error}") from None
 
     def harmonic(self, points: FloatArray) -> FloatArray:
         """Spline harmonic map (Galerkin on the reference) with the boundary points of `points`."""

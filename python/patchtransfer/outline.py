@@ -13,6 +13,7 @@ from scipy.special import comb
 
 from . import _core
 from .splines import BSplineCurve, FloatArray
+from .topology import polygon_area
 
 __all__ = ["Outline", "hausdorff"]
 
@@ -142,8 +143,7 @@ class Outline:
     @cached_property
     def area(self) -> float:
         """Signed area, positive when the loop runs counter-clockwise (from 4 to 16 samples a Bézier piece)."""
-        x, y = self._samples[1].T
-        return float(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+        return polygon_area(self._samples[1])
 
 
 def _derivatives(pieces: FloatArray, t: FloatArray) -> FloatArray:

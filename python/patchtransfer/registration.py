@@ -8,6 +8,7 @@ matched to corners; without landmarks the start comes from the best similarity a
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -32,6 +33,8 @@ CORNER_SNAP = 2e-3
 CORNER_MATCH = 0.04
 #: Corresponding corners turn by angles that differ by less than this.
 CORNER_DIFFERENCE = np.radians(50.0)
+#: Corners listed in warnings for each loop.
+MAX_WARNINGS = 5
 #: Samples a loop for the alignment without landmarks.
 ALIGNMENT_SAMPLES = 512
 
@@ -143,6 +146,8 @@ def register(
         other = target_loops[partner[k]]
         if len(of_loop):
             anchors, confidence = _anchors_from_landmarks(of_loop, outline, other, k), 1.0
+            if not marked_curves:
+                anchors = _match_corners_between(anchors, outline, other)
         else:
             anchors, confidence = _anchors_from_shape(outline, other, loops[0] if k else None)
             if confidence < 0.05:
@@ -150,10 +155,11 @@ def register(
                     f"boundary loop {k}: the correspondence found without landmarks is ambiguous (confidence "
                     f"{confidence:.2f}); give landmarks"
                 )
-        anchors = _snap_corners(anchors, outline, other, keep=len(of_loop) > 0)
+        anchors = _snap_corners(anchors, outline, other)
         if marked_curves and len(of_loop):
             anchors = _place_marked(LoopRegistration(outline, other, anchors, confidence))
         loops.append(LoopRegistration(outline, other, anchors, confidence))
+        warnings += _missed_corners(loops[-1], k)
     return Registration(tuple(loops), tuple(warnings))
 
 
@@ -330,6 +336,36 @@ def _match_all_corners(source: Outline, target: Outline) -> FloatArray:
     return np.column_stack([s, t[0] + np.mod(t - t[0], target.length)])
 
 
+def _match_corners_between(anchors: FloatArray, source: Outline, target: Outline) -> FloatArray:
+    """Add the corners between landmarks where both arcs have equally many, turning alike, in order."""
+    (s, turn_s), (t, turn_t) = _corners(source), _corners(target)
+    rows = [anchors[:1]]
+    for (s0, t0), (s1, t1) in itertools.pairwise(anchors):
+        at_s, at_t = s0 + np.mod(s - s0, source.length), t0 + np.mod(t - t0, target.length)
+        near_s, near_t = CORNER_SNAP * source.length, CORNER_SNAP * target.length
+        inside_s = np.flatnonzero((at_s > s0 + near_s) & (at_s < s1 - near_s))
+        inside_t = np.flatnonzero((at_t > t0 + near_t) & (at_t < t1 - near_t))
+        i, j = inside_s[np.argsort(at_s[inside_s])], inside_t[np.argsort(at_t[inside_t])]
+        if len(i) == len(j) and (abs(turn_s[i] - turn_t[j]) < CORNER_DIFFERENCE).all():
+            rows.append(np.column_stack([at_s[i], at_t[j]]))
+        rows.append(np.array([[s1, t1]]))
+    return _close(np.concatenate(rows)[:-1], source, target, anchors)
+
+
+def _missed_corners(loop: LoopRegistration, k: int) -> list[str]:
+    """Warnings on target corners that fall inside a side of the source, which cannot follow them."""
+    at, _ = _corners(loop.target)
+    joints = np.mod(loop.joints[:-1], loop.target.length)
+    gap = abs(at[:, None] - joints)
+    gap = np.minimum(gap, loop.target.length - gap).min(axis=1, initial=np.inf)
+    missed = loop.target.point(at[gap > CORNER_SNAP * loop.target.length])
+    return [
+        f"boundary loop {k}: the target has a corner at ({x:.6g}, {y:.6g}) that no joint of the source is matched "
+        "to; it will be rounded off (a landmark there helps if the source has such a corner)"
+        for x, y in missed[:MAX_WARNINGS]
+    ]
+
+
 def _match_corners(source: Outline, target: Outline, start: float) -> FloatArray:
     """Mutually nearest corners (in arc-length fraction) that turn the same way; (m, 2), increasing."""
     s, turn_s = _corners(source)
@@ -353,10 +389,10 @@ def _match_corners(source: Outline, target: Outline, start: float) -> FloatArray
     return pairs
 
 
-def _snap_corners(anchors: FloatArray, source: Outline, target: Outline, keep: bool) -> FloatArray:
+def _snap_corners(anchors: FloatArray, source: Outline, target: Outline) -> FloatArray:
     """Add anchors where a source corner lands next to a target corner that turns the same way.
 
-    Existing anchors stay (`keep`) unless they are that close to the corner, within the accuracy of landmarks.
+    An anchor at the corner itself gives way to it: landmarks are known to that accuracy only.
     """
     s, turn_s = _corners(source)
     t, turn_t = _corners(target)

@@ -41,6 +41,8 @@ class TransferResult:
     method : str
     log : tuple of str
         What each rung of the method did.
+    fit_failed : bool
+        Whether the fitted boundary itself rules out an injective map; the map is only an illustration then.
     warnings : tuple of str
     timings : dict
         Seconds per stage.
@@ -56,6 +58,7 @@ class TransferResult:
     corner_bound: float
     method: str
     log: tuple[str, ...]
+    fit_failed: bool
     warnings: tuple[str, ...]
     timings: dict[str, float]
 

@@ -167,7 +167,7 @@ class Topology:
         +1 for right-handed patches, -1 for left-handed ones (sign of the signed area).
     boundaries : tuple of (patch, Side)
     loops : tuple of tuples of BoundarySide
-        The outer loop (largest area) first, the domain on the left.
+        The outer loop first, the domain on the left.
     vertices : tuple of Vertex
     """
 
@@ -255,7 +255,7 @@ class Topology:
 
     @cached_property
     def loops(self) -> tuple[tuple[BoundarySide, ...], ...]:
-        """Boundary loops, the domain on the left, largest area first.
+        """Boundary loops, the domain on the left: the outer loop first, then holes, the smallest first.
 
         Raises
         ------
@@ -291,12 +291,15 @@ class Topology:
                     )
                 loop.append(following)
             loops.append(tuple(loop))
-        area = [abs(polygon_area(self._loop_polygon(loop))) for loop in loops]
-        return tuple(loops[i] for i in np.argsort(-np.array(area), kind="stable"))
+        # The domain is on the left, so the outer loop is the one that runs counter-clockwise.
+        return tuple(sorted(loops, key=lambda loop: -self._loop_area(loop)))
 
-    def _loop_polygon(self, loop: Sequence[BoundarySide]) -> FloatArray:
-        points = np.concatenate([side.points(self.points[side.patch])[:-1] for side in loop])
-        return np.asarray(self.coordinates[points])
+    def _loop_area(self, loop: Sequence[BoundarySide]) -> float:
+        """Signed area that a loop encloses."""
+        first = self.coordinates[loop[0].points(self.points[loop[0].patch])[0]]
+        return sum(
+            (-1 if side.reversed else 1) * side_area(self.patches[side.patch], side.side, first) for side in loop
+        )
 
     @cached_property
     def vertices(self) -> tuple[Vertex, ...]:
@@ -336,26 +339,29 @@ class Topology:
 
 def polygon_area(points: FloatArray) -> float:
     """Signed area of a closed polygon (n, 2)."""
-    x, y = points.T
+    # About a vertex: far from the origin the products would lose the area.
+    x, y = (points - points[0]).T
     return float(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
 def signed_area(patch: Patch) -> float:
-    """Signed area of a polynomial patch by the boundary integral ½∮ x dy - y dx, exact up to rounding.
+    """Signed area of a patch by the boundary integral ½∮ x dy - y dx, exact up to rounding.
 
     For a rational patch its sides' control polygon is taken, whose area has the same sign unless the sides bend
     strongly; the certificate checks the sign.
     """
-    c = patch.control_points
+    origin = patch.control_points[0, 0]
+    signs = ((Side.SOUTH, 1), (Side.EAST, 1), (Side.NORTH, -1), (Side.WEST, -1))
+    return sum(sign * side_area(patch, side, origin) for side, sign in signs)
+
+
+def side_area(patch: Patch, side: Side, origin: FloatArray) -> float:
+    """½∫ x dy - y dx along a side in the sense of its parameter, about `origin`."""
+    x, y = (side.of(patch.control_points) - origin).T
     if patch.weights is not None:
-        sides = [Side.SOUTH.of(c)[:-1], Side.EAST.of(c)[:-1], Side.NORTH.of(c)[:0:-1], Side.WEST.of(c)[:0:-1]]
-        return polygon_area(np.concatenate(sides))
-    total = 0.0
-    for side, sign in ((Side.SOUTH, 1), (Side.EAST, 1), (Side.NORTH, -1), (Side.WEST, -1)):
-        x, y = (side.of(c) - c[0, 0]).T
-        form = _area_form(patch.knots[side.axis].tobytes(), patch.degrees[side.axis])
-        total += sign * 0.5 * float(x @ form @ y - y @ form @ x)
-    return total
+        return float(0.5 * (x[:-1] @ y[1:] - y[:-1] @ x[1:]))
+    form = _area_form(patch.knots[side.axis].tobytes(), patch.degrees[side.axis])
+    return 0.5 * float(x @ form @ y - y @ form @ x)
 
 
 @lru_cache(maxsize=256)

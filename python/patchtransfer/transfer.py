@@ -138,11 +138,11 @@ class TransferPlan:
                 "by one"
             )
         self._welded = source.with_control_points([topology.coordinates[p] for p in topology.points])
-        self._loops = source.boundary().loops
+        self._loops = self._welded.boundary().loops
         valence = {vertex.point: vertex.valence for vertex in topology.vertices}
         starts = [[int(side.points(topology.points[side.patch])[0]) for side in loop] for loop in topology.loops]
         self._single = [[valence[point] == 1 for point in loop] for loop in starts]
-        self._degenerate = degenerate_corners(source.patches)
+        self._degenerate = degenerate_corners(source.patches if reference is None else reference)
         certificate = certify(self._welded)
         if not certificate.injective:
             raise InputError(f"the source is not an injective parameterization: {'; '.join(certificate.reasons)}")
@@ -176,37 +176,36 @@ class TransferPlan:
                 raise InputError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
         if not 0 < fit_tolerance < 1:
             raise InputError(f"fit_tolerance must lie between 0 and 1, got {fit_tolerance!r}")
-        result: TransferResult | None
-        try:
-            result = self._attempt(target, landmarks, method, progress, fit_tolerance)
-        except NotCertifiedError:
-            if refine != "auto":
-                raise
-            result = None
-        good = result is not None and result.boundary_error <= fit_tolerance and result.certificate.injective
-        if result is None or (refine == "auto" and not good):
+        result = self._attempt(target, landmarks, method, progress, fit_tolerance)
+        good = result.certificate.injective and result.boundary_error <= fit_tolerance
+        if refine == "auto" and not good:
             reference = None if self.reference is None else [_halve_spans(patch) for patch in self.reference]
-            finer = TransferPlan(refine_uniformly(self._welded), self.continuity, reference=reference)
-            result = finer._attempt(target, landmarks, method, progress, fit_tolerance).with_warning(
-                "the source was refined uniformly: one knot in every span of every patch"
-            )
+            plan = TransferPlan(refine_uniformly(self._welded), self.continuity, reference=reference)
+            finer = plan._attempt(target, landmarks, method, progress, fit_tolerance)
+            if finer.certificate.injective or not result.certificate.injective:
+                result = finer.with_warning("the source was refined uniformly: one knot in every span of every patch")
+            else:
+                result = result.with_warning("a uniform refinement of the source was tried: no certified map was found")
         if on_failure == "raise" and not result.certificate.injective:
             raise NotCertifiedError(
                 f"no certified map was found ({result.certificate.status}): "
-                f"{'; '.join(result.certificate.reasons[:3]) or 'no reason given'}; try refine='auto', more landmarks, "
-                "or on_failure='return' to look at the best map",
+                f"{result.log[-1] if result.fit_failed else '; '.join(result.certificate.reasons[:3])}; try --refine "
+                "auto (refine='auto') or more landmarks; --keep-uncertified (on_failure='return') gives the best map",
                 result,
             )
         return result
 
     def map(
-        self, targets: Iterable[Boundary], executor: Executor | None = None, **options: object
+        self,
+        targets: Iterable[Boundary | tuple[Boundary, ArrayLike]],
+        executor: Executor | None = None,
+        **options: object,
     ) -> Iterator[TransferResult]:
         """Transfer to many targets, lazily and in order.
 
         Parameters
         ----------
-        targets : iterable of Boundary
+        targets : iterable of Boundary, or of pairs (Boundary, landmarks)
         executor : concurrent.futures.Executor, optional
             Runs the targets in parallel; None (the default) one after the other.
         **options
@@ -243,9 +242,17 @@ class TransferPlan:
             fitted = fit_boundary(registration, parameters="uniform" if paper else "speed", tolerance=fit_tolerance)
             warnings += fitted.warnings
         with clock("feasibility"):
-            corner_bound, degenerate = self._check_fit(fitted)
+            corner_bound, degenerate, failure = self._check_fit(fitted)
+            warnings += [
+                f"patch {k} is degenerate at its corner {c}: one patch fills a straight angle of the target there"
+                for k, c in degenerate
+            ]
             start = self._with_boundary(fitted)
-        if paper:
+        if failure is not None:
+            # No interior can mend the boundary: show the harmonic map on it.
+            points, log = self._optimizer(()).harmonic(start), [failure]
+            certificate = self._certify(points, clock)
+        elif paper:
             points, log, notes = self._paper(start, clock)
             warnings += notes
             certificate = self._certify(points, clock)
@@ -267,12 +274,13 @@ class TransferPlan:
             corner_bound=corner_bound,
             method=method,
             log=tuple(log),
+            fit_failed=failure is not None,
             warnings=tuple(warnings),
             timings=clock.seconds,
         )
 
-    def _check_fit(self, fitted: FittedBoundary) -> tuple[float, list[tuple[int, int]]]:
-        """Loops and corners of the fit: upper bound of the scaled Jacobian and the degenerate corners.
+    def _check_fit(self, fitted: FittedBoundary) -> tuple[float, list[tuple[int, int]], str | None]:
+        """Loops and corners of the fit: upper bound of the scaled Jacobian, degenerate corners, and what is wrong.
 
         The target passed these checks, so a failure is the fit's: the source's knots are too coarse for it.
         """
@@ -281,12 +289,13 @@ class TransferPlan:
             check_loops(curves, "fitted boundary")
             corners = check_corners(curves, self._single, "fitted boundary")
         except InfeasibleTargetError as error:
-            raise NotCertifiedError(
+            failure = (
                 f"the target is feasible, but the source's knots cannot represent it (fit error {fitted.error:.1e} of "
-                f"the diameter): {error}; try --refine auto (refine='auto')"
-            ) from None
+                f"the diameter): {error}"
+            )
+            return -1.0, [], failure
         degenerate = [self._corner_of(corner.loop, corner.joint) for corner in corners if corner.kind == "degenerate"]
-        return min((corner.bound for corner in corners), default=1.0), degenerate
+        return min((corner.bound for corner in corners), default=1.0), degenerate, None
 
     def _corner_of(self, loop: int, joint: int) -> tuple[int, int]:
         """(patch, corner) that a joint filled by a single patch belongs to."""
@@ -313,25 +322,9 @@ class TransferPlan:
     ) -> tuple[FloatArray, Certificate, list[str]]:
         """Spline harmonic map, then distortion optimisation until the certificate accepts the map."""
         topology = self.source.topology
-        excluded = sorted(set(degenerate) | set(self._degenerate))
 
         def make(nodes_per_degree: int = 2, extra_nodes: Sequence[tuple[int, float, float]] = ()) -> SplineOptimizer:
-            key = (nodes_per_degree, tuple(excluded))
-            if extra_nodes:
-                return SplineOptimizer(
-                    topology,
-                    self.reference,
-                    nodes_per_degree=nodes_per_degree,
-                    extra_nodes=extra_nodes,
-                    excluded_corners=excluded,
-                )
-            # Symbolic work is kept, one optimizer a thread because it owns its buffers.
-            cache: dict[object, SplineOptimizer] = self._thread.__dict__.setdefault("optimizers", {})
-            if key not in cache:
-                cache[key] = SplineOptimizer(
-                    topology, self.reference, nodes_per_degree=nodes_per_degree, excluded_corners=excluded
-                )
-            return cache[key]
+            return self._optimizer(degenerate, nodes_per_degree, extra_nodes)
 
         with clock("optimisation"):
             found, certificate, log = optimize_with_ladder(
@@ -343,6 +336,29 @@ class TransferPlan:
                 progress=progress,
             )
         return found.points, certificate, log
+
+    def _optimizer(
+        self,
+        degenerate: Sequence[tuple[int, int]],
+        nodes_per_degree: int = 2,
+        extra_nodes: Sequence[tuple[int, float, float]] = (),
+    ) -> SplineOptimizer:
+        """Optimizer on the source; symbolic work is kept, one optimizer a thread because it owns its buffers."""
+        excluded = sorted(set(degenerate) | set(self._degenerate))
+        cache: dict[object, SplineOptimizer] = self._thread.__dict__.setdefault("optimizers", {})
+        key = (nodes_per_degree, tuple(excluded))
+        if extra_nodes or key not in cache:
+            optimizer = SplineOptimizer(
+                self.source.topology,
+                self.reference,
+                nodes_per_degree=nodes_per_degree,
+                extra_nodes=extra_nodes,
+                excluded_corners=excluded,
+            )
+            if extra_nodes:
+                return optimizer
+            cache[key] = optimizer
+        return cache[key]
 
     def _paper(self, start: FloatArray, clock: _Clock) -> tuple[FloatArray, list[str], list[str]]:
         """Harmonic map on the triangulated control net, then bounded conformal distortion (paper §3.3)."""
@@ -367,8 +383,10 @@ class _Task:
     def __init__(self, plan: TransferPlan, options: dict[str, object]) -> None:
         self.plan, self.options = plan, options
 
-    def __call__(self, target: Boundary) -> TransferResult:
-        return self.plan.transfer(target, **self.options)  # type: ignore[arg-type]
+    def __call__(self, target: Boundary | tuple[Boundary, ArrayLike]) -> TransferResult:
+        if isinstance(target, Boundary):
+            return self.plan.transfer(target, **self.options)  # type: ignore[arg-type]
+        return self.plan.transfer(*target, **self.options)  # type: ignore[arg-type]
 
 
 class _Clock:

@@ -1,0 +1,172 @@
+"""Failures found by review and use, each kept as a case."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import models
+import patchtransfer as pt
+import targets
+from patchtransfer.cli import main
+from patchtransfer.registration import register
+
+# The package exports the function under the module's name.
+refine_uniformly = import_module("patchtransfer.transfer").refine_uniformly
+
+
+def waisted_plate(sag: float = 0.4, radius: float = 0.55) -> pt.MultiPatch:
+    """A square with sides bent inwards and a round hole, whose control polygon encloses more than the outline's."""
+    knots, t = [0, 0, 0, 1, 1, 1], np.linspace(0, 1, 3)
+    patches = []
+    for k in range(4):
+        a, b = (np.array([np.cos(x), np.sin(x)]) for x in (np.pi / 4 + k * np.pi / 2, 3 * np.pi / 4 + k * np.pi / 2))
+        middle = (a + b) / np.linalg.norm(a + b)
+        outer = np.array([np.sqrt(2) * a, (1 - 2 * sag) * middle, np.sqrt(2) * b])
+        inner = radius * np.array([a, np.sqrt(2) * middle, b])
+        patches.append(pt.Patch((knots, knots), (2, 2), (1 - t)[:, None, None] * inner + t[:, None, None] * outer))
+    return pt.MultiPatch(patches)
+
+
+def test_the_outer_loop_is_the_one_with_the_domain_inside():
+    mp = waisted_plate()
+    assert pt.certify(mp).injective
+    assert np.abs(mp.boundary().loops[0][0].start).max() == pytest.approx(1.0)
+    result = pt.transfer(mp, mp.boundary())
+    assert result.certificate.injective
+    assert result.boundary_error < 1e-6
+
+
+@pytest.mark.parametrize("offset", [1e5, 1e6, 1e7])
+def test_small_holes_far_from_the_origin_keep_their_sense(offset):
+    mp = models.plate_with_hole(2, 2)
+    moved = mp.with_control_points([p.control_points + offset for p in mp.patches])
+    target = moved.boundary()
+    landmarks = np.array([[*c.start, *c.start] for loop in target.loops for c in loop])
+    for given in (None, landmarks):
+        result = pt.transfer(moved, target, given)
+        assert result.certificate.injective
+        assert result.boundary_error < 1e-8 * offset
+
+
+def test_sides_that_differ_by_rounding_are_named():
+    mp = models.grid(2, 1)
+    f = mp.interfaces[0]
+    points = [p.control_points.copy() for p in mp.patches]
+    f.side_b.of(points[f.patch_b])[...] *= 1 + 2e-16
+    gap = np.abs(f.side_b.of(points[f.patch_b]) - f.side_b.of(mp.patches[f.patch_b].control_points)).max()
+    assert 0 < gap < 1e-15
+    certificate = pt.certify(mp.with_control_points(points))
+    assert certificate.status == "certified"
+    assert "differ by rounding" in certificate.notes[0]
+    assert "mean" in str(certificate)
+    f.side_b.of(points[f.patch_b])[...] += 1e-9
+    assert pt.certify(mp.with_control_points(points)).status == "undecided"
+
+
+def test_forked_processes_do_not_wait_for_threads_they_do_not_have():
+    """`fork` leaves the parent's thread pool behind; this hung."""
+    mp = models.grid(2, 2)
+    plan = pt.TransferPlan(mp)
+    given = [targets.deformed(mp, targets.bend(mp, angle)) for angle in (10, 20, 30)]
+    alone = list(plan.map(given))
+    with ProcessPoolExecutor(2, mp_context=get_context("fork")) as executor:
+        forked = list(plan.map(given, executor))
+    for a, b in zip(alone, forked, strict=True):
+        assert a.multipatch == b.multipatch
+
+
+@pytest.mark.parametrize("k", range(4))
+def test_one_landmark_is_no_worse_than_none(k):
+    mp = models.grid(2, 2)
+    target, landmarks = targets.deformed(mp, targets.bend(mp, 40))
+    outline = register(mp.boundary().loops, target).loops[0].source
+    corners = np.flatnonzero(abs(outline.turn(outline.joints[:-1])) > 0.5)
+    without = pt.transfer(mp, target)
+    one = pt.transfer(mp, target, landmarks[corners[k] : corners[k] + 1])
+    assert one.certificate.status == without.certificate.status == "certified"
+    assert one.quality.scaled_jacobian.min == pytest.approx(without.quality.scaled_jacobian.min, abs=0.02)
+
+
+def notched() -> tuple[pt.MultiPatch, pt.Boundary]:
+    """One quadratic span a side against a slot near a corner, which the fit cannot follow without crossing."""
+    knots = [0, 0, 0, 1, 1, 1]
+    points = np.stack(np.meshgrid([0, 1, 2], [0, 0.5, 1], indexing="ij"), axis=2)
+    outline = [[0, 0], [2, 0], [2, 1], [1.9, 1], [1.9, 0.05], [1.8, 0.05], [1.8, 1], [0, 1]]
+    n = len(outline)
+    sides = [pt.BSplineCurve([0, 0, 1, 1], 1, [outline[i], outline[(i + 1) % n]]) for i in range(n)]
+    return pt.MultiPatch([pt.Patch((knots, knots), (2, 2), points)]), pt.Boundary([sides])
+
+
+def test_a_fit_that_fails_still_returns_its_map_and_says_why():
+    source, target = notched()
+    landmarks = [[0, 0, 0, 0], [2, 0, 2, 0], [2, 1, 2, 1], [0, 1, 0, 1]]
+    with pytest.raises(pt.NotCertifiedError, match="source's knots cannot represent") as caught:
+        pt.transfer(source, target, landmarks)
+    for result in (caught.value.result, pt.transfer(source, target, landmarks, on_failure="return")):
+        assert result is not None
+        assert result.fit_failed
+        assert not result.certificate.injective
+
+
+def test_target_corners_between_joints_are_told():
+    source, target = notched()
+    result = pt.transfer(source, target, [[0, 0, 0, 0], [2, 0, 2, 0], [2, 1, 2, 1], [0, 1, 0, 1]], on_failure="return")
+    assert any("corner at (1.9, 0.05)" in warning for warning in result.warnings)
+
+
+def test_check_reports_folded_models_with_broken_loops(tmp_path):
+    """Two patches on the same side of their interface: readable, so status 1 and a report, not 2."""
+    knots = [0, 0, 1, 1]
+    a = pt.Patch((knots, knots), (1, 1), [[[0, 0], [0, 1]], [[1, 0], [1, 1]]])
+    b = pt.Patch((knots, knots), (1, 1), [[[0.2, 0], [0.2, 1]], [[1, 0], [1, 1]]])
+    mp = pt.MultiPatch([a, b], [pt.Interface(0, pt.Side.EAST, 1, pt.Side.EAST, False)])
+    assert "open boundary" in repr(mp)
+    pt.write(mp, tmp_path / "folded.xml")
+    done = CliRunner().invoke(main, ["check", str(tmp_path / "folded.xml"), "--json", "-"])
+    assert done.exit_code == 1
+    assert not json.loads(done.stdout)["certificate"]["injective"]
+
+
+def test_outputs_are_all_or_nothing(tmp_path):
+    mp = models.grid(1, 1)
+    pt.write(mp, tmp_path / "s.xml")
+    pt.write(mp.boundary(), tmp_path / "t.xml")
+    (tmp_path / "out.xml").write_text("before")
+    arguments = ["transfer", str(tmp_path / "s.xml"), str(tmp_path / "t.xml"), "-o", str(tmp_path / "out.xml")]
+    for extra in (["--plot", "p.png", "--plot-registration", "p.png"], ["--json", "/proc/report.json"]):
+        done = CliRunner().invoke(main, [*arguments, *extra])
+        assert done.exit_code == 2, done.output
+        assert (tmp_path / "out.xml").read_text() == "before"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_interrupt_while_the_core_runs(tmp_path):
+    """SIGINT during the optimisation of a large model: status 130, one line, nothing written."""
+    mp = models.grid(6, 6)
+    for _ in range(3):
+        mp = refine_uniformly(mp)
+    target, _ = targets.deformed(mp, targets.bend(mp, 60))
+    pt.write(mp, tmp_path / "s.xml")
+    pt.write(target, tmp_path / "t.xml")
+    command = [sys.executable, "-m", "patchtransfer.cli", "transfer", "s.xml", "t.xml", "-o", "out.xml"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, env=os.environ) as process:
+        time.sleep(3.0)
+        if process.poll() is not None:
+            pytest.skip("finished before it could be interrupted")
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130, errors
+    assert b"interrupted; nothing was written" in errors
+    assert not (tmp_path / "out.xml").exists()
