@@ -46,7 +46,9 @@ def mirrored(right: Points) -> Points:
 def quads(right: str, middle: str) -> list[list[str]]:
     """Quads of both halves and of the middle, counter-clockwise, from one line a quad."""
     half = [line.split() for line in right.strip().splitlines()]
-    return half + [[other(n) for n in reversed(q)] for q in half] + [line.split() for line in middle.strip().splitlines()]
+    return (
+        half + [[other(n) for n in reversed(q)] for q in half] + [line.split() for line in middle.strip().splitlines()]
+    )
 
 
 def bend(z: complex, joint: complex, direction: complex, length: float, degrees: float) -> complex:
@@ -91,15 +93,14 @@ class Drawing:
         first = 0
         for k, piece in enumerate(self.pieces()):
             a, b = piece.t[0], piece.t[-1]
-            number = len(piece.c) - 1
+            # Odd, so that no cut falls on the middle of a piece, where symmetric pieces have a vertex.
+            number = (len(piece.c) - 1) | 1
             if k == start:
                 first = len(cubics) + number // 2
             cuts = np.linspace(a, b, number + 1)
             z, dz = (piece(cuts, nu) @ [1, 1j] for nu in (0, 1))
             leg = (b - a) / number / 3
-            cubics += [
-                [p, p + leg * dp, q - leg * dq, q] for p, dp, q, dq in zip(z, dz, z[1:], dz[1:], strict=False)
-            ]
+            cubics += [[p, p + leg * dp, q - leg * dq, q] for p, dp, q, dq in zip(z, dz, z[1:], dz[1:], strict=False)]
         cubics = [c[::-1] for c in reversed(cubics[first:] + cubics[:first])]
         # Drawings have y down.
         text = [[f"{z.real:.5f},{-z.imag:.5f}" for z in cubic] for cubic in cubics]

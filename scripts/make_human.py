@@ -12,7 +12,7 @@ import cmath
 from drawing import Drawing, Points, bend, mirrored, quads, write_sample
 
 ARM_ROOT, ARM_DIRECTION = 0.155 + 0.705j, cmath.exp(-0.6j)
-HEAD, HEAD_RADIUS = 0.89j, 0.088
+HEAD, HEAD_RADIUS = 0.9j, 0.085
 
 
 def arm(along: float, across: float) -> complex:
@@ -27,7 +27,7 @@ def head(angle: float) -> complex:
 
 #: Right half from the crotch to the top of the head; names that are not in the layout are only drawn.
 RIGHT: Points = {
-    "c*": 0.022 + 0.425j,
+    "c*": 0.018 + 0.425j,
     "leg.thigh in": 0.034 + 0.33j,
     "leg.ki": 0.045 + 0.235j,
     "leg.calf in": 0.05 + 0.12j,
@@ -50,10 +50,11 @@ RIGHT: Points = {
     "arm.eu": arm(0.185, 0.042),
     "arm.up": arm(0.09, 0.052),
     "arm.s": arm(0.0, 0.058),
-    "collar": 0.1 + 0.785j,
-    "nl*": 0.045 + 0.80j,
-    "cheek": 0.07 + 0.838j,
-    "h1": head(5),
+    "collar": 0.1 + 0.777j,
+    "nl*": 0.04 + 0.79j,
+    "throat": 0.039 + 0.812j,
+    "cheek": head(-42),
+    "h1": head(0),
     "h25": head(25),
     "h2": head(47),
     "h70": head(70),
@@ -63,7 +64,7 @@ INSIDE: Points = {
     "em": arm(0.185, 0.0),
     "mc": 0.045 + 0.655j,
     "p": 0.095 + 0.72j,
-    "nc": 0.015 + 0.80j,
+    "nc": 0.013 + 0.79j,
     "q0": 0.035 + 0.87j,
     "q3": 0.035 + 0.925j,
 }
@@ -112,7 +113,7 @@ LANDMARKS = {f"right {place}": name for place, name in HALF_LANDMARKS.items()}
 LANDMARKS |= {f"left {place}": name + "'" for place, name in reversed(HALF_LANDMARKS.items())}
 
 #: Arm and leg of the right and the left: how far they turn outwards, degrees.
-POSE = {"arm": (75, 90), "leg": (28, 12)}
+POSE = {"arm": (72, 88), "leg": (32, 14)}
 
 
 def articulated(name: str, z: complex) -> complex:
@@ -122,7 +123,7 @@ def articulated(name: str, z: complex) -> complex:
         return z
     z = -z.conjugate() if left else z
     joint, direction = (arm(-0.04, 0.0), ARM_DIRECTION) if limb == "arm" else (0.085 + 0.43j, -1j)
-    z = bend(z, joint, direction, 0.12, POSE[limb][left])
+    z = bend(z, joint, direction, 0.16, POSE[limb][left])
     return -z.conjugate() if left else z
 
 

@@ -11,12 +11,12 @@ from drawing import Drawing, bend, mirrored, quads, write_sample
 #: Right half from the chest to the hollow between the ears; unnamed in the layout: only drawn.
 RIGHT = {
     "b1": 0.07 + 0.0j,
-    "b0*": 0.21 + 0.0j,
-    "shoulder": 0.175 + 0.08j,
-    "n0": 0.125 + 0.15j,
-    "jaw": 0.165 + 0.22j,
+    "b0*": 0.215 + 0.0j,
+    "shoulder": 0.185 + 0.07j,
+    "n0": 0.143 + 0.145j,
+    "jaw": 0.166 + 0.21j,
     "k0": 0.205 + 0.31j,
-    "temple": 0.195 + 0.41j,
+    "temple": 0.192 + 0.405j,
     "f0*": 0.145 + 0.49j,
     "ear out low": 0.185 + 0.59j,
     "eo": 0.225 + 0.70j,
