@@ -24,6 +24,8 @@ __all__ = ["EXAMPLES", "load", "run"]
 
 EXAMPLES = {
     "wrench": "an open-end wrench of 18 bicubic patches, moved to a drawing with a turned jaw and a bent handle",
+    "rabbit": "a rabbit of 20 bicubic patches, vertices of valence 3 and 5, moved to a drawing with one ear bent",
+    "human": "a standing figure of 29 bicubic patches, vertices of valence 3 and 5, moved to raised arms and a step",
 }
 """One line for each example, by name."""
 
@@ -43,7 +45,7 @@ def load(name: str) -> tuple[MultiPatch, Boundary, FloatArray]:
     source : MultiPatch
     target : Boundary
     landmarks : (r, 4) array
-        Rows (xs, ys, xt, yt), millimetres.
+        Rows (xs, ys, xt, yt), in the example's unit (millimetres for the wrench).
 
     Raises
     ------
