@@ -24,6 +24,9 @@ __all__ = ["EXAMPLES", "load", "run"]
 
 EXAMPLES = {
     "wrench": "an open-end wrench of 18 bicubic patches, moved to a drawing with a turned jaw and a bent handle",
+    "frame": "a wavy picture frame of 14 bicubic patches, moved to a bent trapezoidal one with waves inside and out",
+    "two-hole-plate": "a plate of 21 bicubic patches, four around each hole, moved to a bent one with oblique holes",
+    "star": "a six-armed star of 6 bicubic patches, moved to one with bent arms of unequal lengths",
 }
 """One line for each example, by name."""
 
@@ -43,7 +46,7 @@ def load(name: str) -> tuple[MultiPatch, Boundary, FloatArray]:
     source : MultiPatch
     target : Boundary
     landmarks : (r, 4) array
-        Rows (xs, ys, xt, yt), millimetres.
+        Rows (xs, ys, xt, yt), in the source's and the target's units.
 
     Raises
     ------
