@@ -315,12 +315,14 @@ SVG = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def draw(name: str, title: str, loops: Mapping[str, Sides], start: Place, pieces: int) -> str:
-    """The outline as a drawing: holes first, ellipses as such, all loops cut and started away from the sides' ends."""
+    """The outlines as a drawing, the holes on top, ellipses as such; all are cut and begin away from the sides' ends."""
     shapes = []
     z = np.concatenate([side(np.linspace(0, 1, 50)) for loop in loops.values() for side in loop.values()])
-    for ident, loop in reversed(loops.items()):
+    outline, *holes = loops
+    for ident in (outline, *reversed(holes)):
+        loop = loops[ident]
         only = next(iter(loop.values()))
-        fill = "" if ident == "outline" else ' style="fill:#ffffff"'
+        fill = "" if ident == outline else ' style="fill:#ffffff"'
         if isinstance(only, Ellipse):
             x, y = only.centre.real, -only.centre.imag
             turn = f"translate({x:g} {y:g}) rotate({-only.turn:g})"
@@ -330,8 +332,6 @@ def draw(name: str, title: str, loops: Mapping[str, Sides], start: Place, pieces
         else:
             begin = start if start[0] in loop else (next(iter(loop)), 0.37)
             shapes.append(f'    <path id="{ident}"{fill}\n      d="{path(loop, begin, pieces)}"/>')
-    # The outline lies under its holes.
-    shapes = shapes[-1:] + shapes[:-1]
     margin = 0.05
     left, top = z.real.min() - margin, -z.imag.max() - margin
     width, height = np.ptp(z.real) + 2 * margin, np.ptp(z.imag) + 2 * margin
