@@ -315,7 +315,7 @@ SVG = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def draw(name: str, title: str, loops: Mapping[str, Sides], start: Place, pieces: int) -> str:
-    """The outlines as a drawing, the holes on top, ellipses as such; all are cut and begin away from the sides' ends."""
+    """The outlines as a drawing, holes on top and ellipses as such; all are cut and begin away from the sides' ends."""
     shapes = []
     z = np.concatenate([side(np.linspace(0, 1, 50)) for loop in loops.values() for side in loop.values()])
     outline, *holes = loops
