@@ -142,7 +142,7 @@ def _fan(valence: int, rings: int) -> tuple[np.ndarray, list[list[int]]]:
 
 
 @st.composite
-def layouts(draw, jitter=0.15):
+def layouts(draw, jitter=0.3):
     """Random conforming layouts of 3 to 20 quads in any order: grids with up to two holes, dumbbells with a thin neck,
     and fans around a vertex of valence 3, 5 or 6.
 

@@ -13,7 +13,8 @@ from targets import deformed
 
 def check(result: pt.TransferResult, layout: pt.QuadLayout) -> None:
     assert result.certificate.injective
-    assert result.boundary_error <= 1e-3
+    # A fit that misses its tolerance must say so.
+    assert result.boundary_error <= 1e-3 or result.warnings
     inside = set(range(len(layout.vertices))) - set(layout.boundary_vertices)
     count = np.bincount(layout.quads.ravel())
     expected = sorted(int(count[v]) for v in inside if count[v] != 4)
@@ -29,11 +30,12 @@ def test_a_layout_on_its_own_polygon_is_certified(layout, degree):
 
 @settings(max_examples=20, deadline=None)
 @given(layouts(), st.integers(2, 3))
-def test_a_layout_on_a_smoothed_outline_is_certified_or_refused(layout, degree):
+def test_a_layout_on_a_smoothed_outline_is_certified_unless_infeasible(layout, degree):
     try:
         result = pt.from_layout(layout.vertices, layout.quads, outline(layout, smooth=True), degree)
-    except pt.TransferError as error:
-        event(type(error).__name__)
+    except pt.InfeasibleTargetError as error:
+        # The cubics may cross each other at a thin neck.
+        event(str(error)[:60])
     else:
         check(result, layout)
 

@@ -46,3 +46,25 @@ def test_target_is_cut_elsewhere(plate):
     # Not only corners: ends of the drawing's curves that are no joints of patches.
     apart = np.linalg.norm(ends[:, None] - joints[None], axis=2).min(axis=1) / target.diameter
     assert (apart > 1e-2).sum() >= len(ends) / 2
+
+
+def test_gismo_finds_the_same_interfaces(plate, tmp_path):
+    pygismo = pytest.importorskip("pygismo")
+    _, source, _, _ = plate
+    pt.write(source, tmp_path / "source.xml")
+    theirs = pygismo.core.gsMultiPatch()
+    pygismo.io.gsFileData(str(tmp_path / "source.xml")).getAnyFirst(theirs)
+    # The file's interfaces stay behind with its model.
+    found = pygismo.core.gsMultiPatch()
+    for k in range(theirs.nPatches()):
+        found.addPatch(theirs.patch(k))
+    assert not interfaces(found)
+    # Tolerance; not by corners only; no T-junctions.
+    found.computeTopology(1e-6, False, False)
+    assert len(interfaces(found)) == len(source.interfaces)
+    assert interfaces(found) == interfaces(theirs)
+
+
+def interfaces(model) -> set[frozenset[tuple[int, int]]]:
+    """Glued sides of a gsMultiPatch."""
+    return {frozenset((s.patchIndex(), s.index()) for s in (f.first(), f.second())) for f in model.interfaces()}
