@@ -62,6 +62,28 @@ def articulation(mp: MultiPatch, degrees: float, at: float = 0.45, blend: float 
     return f
 
 
+def swirl(mp: MultiPatch, centre, degrees: float, width: float) -> Deformation:
+    """Rotate a Gaussian neighbourhood; units as of `bump`."""
+    low, high = box(mp)
+    at, width = low + np.asarray(centre) * (high - low), width * (high - low).min()
+
+    def f(x: np.ndarray) -> np.ndarray:
+        d = x - at
+        angle = np.radians(degrees) * np.exp(-(d**2).sum(axis=1) / (2 * width**2))
+        cosine, sine = np.cos(angle), np.sin(angle)
+        return at + np.column_stack([cosine * d[:, 0] - sine * d[:, 1], sine * d[:, 0] + cosine * d[:, 1]])
+
+    return f
+
+
+def stretch(factor: float, degrees: float) -> Deformation:
+    """Scale by a factor in one direction and by its inverse across."""
+    axis = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+    along = np.outer(axis, axis)
+    matrix = factor * along + (np.eye(2) - along) / factor
+    return lambda x: x @ matrix
+
+
 def similarity(degrees: float, scale: float, shift=(0.0, 0.0)) -> Deformation:
     """Rotate, scale and move."""
     angle = np.radians(degrees)

@@ -26,6 +26,9 @@ EXAMPLES = {
     "wrench": "an open-end wrench of 18 bicubic patches, moved to a drawing with a turned jaw and a bent handle",
     "rabbit": "a rabbit of 20 bicubic patches, vertices of valence 3 and 5, moved to a drawing with one ear bent",
     "human": "a standing figure of 29 bicubic patches, vertices of valence 3 and 5, moved to raised arms and a step",
+    "frame": "a wavy picture frame of 14 bicubic patches, moved to a bent trapezoidal one with waves inside and out",
+    "two-hole-plate": "a plate of 21 bicubic patches, four around each hole, moved to a bent one with oblique holes",
+    "star": "a six-armed star of 6 bicubic patches, moved to one with bent arms of unequal lengths",
 }
 """One line for each example, by name."""
 
