@@ -292,15 +292,28 @@ def _glue(patches: list[Patch], ids: list[int], block: Element) -> MultiPatch:
         raise InputError(f"MultiPatch interfaces: there is no patch {stray}; correct the row")
     errors = []
     for position in meanings:
-        interfaces = [
-            Interface(position[p], Side(s), position[q], Side(t), not orient[Side(s).axis])
-            for p, s, q, t, _, _, *orient in table.tolist()
-        ]
+        interfaces = []
+        for p, s, q, t, _, _, *orient in table.tolist():
+            a, b, side_a, side_b = position[p], position[q], Side(s), Side(t)
+            backwards = _backwards(patches[a], side_a, patches[b], side_b, not orient[side_a.axis])
+            interfaces.append(Interface(a, side_a, b, side_b, backwards))
         try:
             return MultiPatch(patches, interfaces, ids)
         except InputError as error:
             errors.append(error)
     raise errors[0]
+
+
+def _backwards(a: Patch, side_a: Side, b: Patch, side_b: Side, flag: bool) -> bool:
+    """Whether two sides run in opposite directions: as their control points say, by the flag if they fit both ways.
+
+    Programs disagree on what the orientation flags of an interface mean, but not on where the sides are.
+    """
+    points_a, points_b = side_a.of(a.control_points), side_b.of(b.control_points)
+    if len(points_a) != len(points_b):
+        return flag
+    along, against = (float(np.abs(points_a - points).max()) for points in (points_b, points_b[::-1]))
+    return flag if along == against else against < along
 
 
 def _domains(root: Element) -> list[Element]:
