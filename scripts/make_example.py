@@ -422,11 +422,17 @@ TURNED = Wrench(
     widths=(8.0, 9.6),
 )
 
+#: The same wrench with its jaws moved down in equal steps (as Fig. 12 of the paper).
+STEPS = [Wrench(jaw_turn=-8.0 * (k + 1)) for k in range(4)]
+
 if __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
     source = make_source(STRAIGHT)
     pt.write(source, FOLDER / "source.xml")
     (FOLDER / "target.svg").write_text(draw(TURNED))
     (FOLDER / "landmarks.csv").write_text(landmarks(STRAIGHT, TURNED))
+    for k, step in enumerate(STEPS, 1):
+        (FOLDER / f"target-step{k}.svg").write_text(draw(step))
+        (FOLDER / f"landmarks-step{k}.csv").write_text(landmarks(STRAIGHT, step))
     print(source, pt.quality(source).scaled_jacobian)
     illustrate()

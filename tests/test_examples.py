@@ -50,6 +50,36 @@ def test_transfer_is_certified_and_on_the_target(name):
     assert result.quality.scaled_jacobian.mean >= 0.85
 
 
+def test_the_wrench_moves_its_jaws_in_steps():
+    """Quality falls with every step, and every step is certified (as Fig. 12 of the paper)."""
+    lowest = []
+    for step in range(1, examples.STEPS["wrench"] + 1):
+        result = pt.transfer(*examples.load("wrench", step))
+        assert result.certificate.status == "certified"
+        assert result.boundary_error <= 1e-3
+        lowest.append(result.quality.scaled_jacobian.mean)
+    assert lowest == sorted(lowest, reverse=True)
+    with pytest.raises(pt.InputError, match="has 4 steps, there is no step 5"):
+        examples.load("wrench", 5)
+
+
+@pytest.mark.parametrize("name", PROMISED)
+def test_pygismo_finds_the_same_interfaces(name, tmp_path):
+    pygismo = pytest.importorskip("pygismo")
+    source, _, _ = examples.load(name)
+    pt.write(source, tmp_path / "source.xml")
+    assert pt.read(tmp_path / "source.xml") == source
+    theirs = pygismo.core.gsMultiPatch()
+    pygismo.io.gsFileData(str(tmp_path / "source.xml")).getAnyFirst(theirs)
+    found = pygismo.core.gsMultiPatch()
+    for k in range(theirs.nPatches()):
+        found.addPatch(theirs.patch(k))
+    found.computeTopology(1e-6, False, False)
+    sides = {frozenset((s.patchIndex(), s.index()) for s in (f.first(), f.second())) for f in found.interfaces()}
+    ours = {frozenset(((f.patch_a, int(f.side_a)), (f.patch_b, int(f.side_b)))) for f in source.interfaces}
+    assert sides == ours
+
+
 @pytest.mark.parametrize("name", PROMISED)
 def test_target_is_cut_elsewhere_than_the_source(name):
     source, target, landmarks = examples.load(name)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -89,6 +91,18 @@ def layout_of(mp):
                 vertices.append(mp.topology.coordinates[c])
         quads.append([numbers[int(c)] for c in corners])
     return vertices, quads
+
+
+@pytest.mark.parametrize(("name", "degree", "spans"), [("yeti", 2, 2), ("turtle", 3, 2)])
+def test_outlines_of_real_models(name, degree, spans):
+    """With the model's own corners as layout: certified, and no worse than the original on the mean."""
+    folder = os.environ.get("PATCHTRANSFER_MODELS")
+    if not folder:
+        pytest.skip("PATCHTRANSFER_MODELS is not set")
+    mp = pt.read(Path(folder) / f"{name}.xml")
+    result = pt.from_layout(*layout_of(mp), mp.boundary(), degree, spans)
+    assert result.certificate.status == "certified"
+    assert result.quality.scaled_jacobian.mean >= pt.quality(mp).scaled_jacobian.mean - 0.03
 
 
 SQUARE = [[0, 0], [2, 0], [2, 2], [0, 2], [1, 0]]

@@ -32,16 +32,21 @@ EXAMPLES = {
 }
 """One line for each example, by name."""
 
+STEPS = {"wrench": 4}
+"""Further targets of an example: the shape moved on in equal steps."""
+
 INPUTS = ("source.xml", "target.svg", "landmarks.csv")
 
 
-def load(name: str) -> tuple[MultiPatch, Boundary, FloatArray]:
+def load(name: str, step: int | None = None) -> tuple[MultiPatch, Boundary, FloatArray]:
     """Read a bundled example.
 
     Parameters
     ----------
     name : str
         A key of `EXAMPLES`.
+    step : int, optional
+        Of the examples in `STEPS` the target of this step, 1 and up; default the example's own target.
 
     Returns
     -------
@@ -53,7 +58,7 @@ def load(name: str) -> tuple[MultiPatch, Boundary, FloatArray]:
     Raises
     ------
     InputError
-        When there is no such example.
+        When there is no such example or step.
 
     Examples
     --------
@@ -64,6 +69,10 @@ def load(name: str) -> tuple[MultiPatch, Boundary, FloatArray]:
     _check_name(name)
     folder = files(__name__) / name
     source, target, landmarks = INPUTS
+    if step is not None:
+        if not 1 <= step <= STEPS.get(name, 0):
+            raise InputError(f"example {name!r} has {STEPS.get(name, 0)} steps, there is no step {step}")
+        target, landmarks = f"target-step{step}.svg", f"landmarks-step{step}.csv"
     with as_file(folder / source) as path:
         model = io.read(path)
     with as_file(folder / target) as path:
