@@ -15,7 +15,6 @@ import numpy as np
 
 import patchtransfer as pt
 from patchtransfer import examples
-from patchtransfer.optimize import SplineOptimizer
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "python" / "patchtransfer" / "examples" / "wrench"
@@ -23,8 +22,6 @@ PICTURE = ROOT / "docs" / "images" / "wrench.png"
 
 #: Degree and knot spans of every patch and direction.
 DEGREE, SPANS = 3, 3
-#: Rounds of straightening: every round measures the patches anew.
-ROUNDS = 3
 
 
 def polar(radius: float, degrees: float) -> complex:
@@ -261,49 +258,16 @@ def to_curve(segment: Segment) -> pt.BSplineCurve:
     return pt.BSplineCurve([0] * 4 + inner.tolist() + [1] * 4, 3, [xy(z) for z in points])
 
 
-def greville(knots: np.ndarray) -> np.ndarray:
-    """Abscissae whose values as coefficients make the identity."""
-    return np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(len(knots) - DEGREE - 1)])
-
-
-def layout(wrench: Wrench) -> pt.MultiPatch:
-    """Bilinear quadrilaterals as bicubic patches."""
-    at = {name: wrench(*place) for name, place in ON_BOUNDARY.items()} | INSIDE
-    knots = np.concatenate([np.zeros(DEGREE), np.linspace(0, 1, SPANS + 1), np.ones(DEGREE)])
-    s = greville(knots)
-    u, v = s[:, None, None], s[None, :, None]
-    patches = []
-    for a, b, c, d in QUADS:
-        pa, pb, pc, pd = (np.array(xy(at[name])) for name in (a, b, c, d))
-        points = (1 - v) * ((1 - u) * pa + u * pb) + v * ((1 - u) * pd + u * pc)
-        patches.append(pt.Patch((knots, knots), (DEGREE, DEGREE), points))
-    return pt.MultiPatch(patches)
-
-
 def make_source(wrench: Wrench) -> pt.MultiPatch:
-    """Carry the layout onto the outline, then straighten the patches inside."""
+    """Carry the layout onto the outline."""
+    at = {name: wrench(*place) for name, place in ON_BOUNDARY.items()} | INSIDE
+    number = {name: k for k, name in enumerate(at)}
     outline = pt.Boundary([[to_curve(s) for s in wrench.segments.values()], [to_curve(wrench.hole)]])
-    model = layout(wrench)
-    joints = [xy(wrench(*place)) for place in ON_BOUNDARY.values()]
-    result = pt.transfer(model, outline, [[*p, *p] for p in joints], continuity="c0", fit_tolerance=2e-3)
+    quads = [[number[name] for name in quad] for quad in QUADS]
+    result = pt.from_layout([xy(z) for z in at.values()], quads, outline, DEGREE, SPANS)
     if result.warnings:
         raise SystemExit("\n".join(result.warnings))
-    return straighten(result.multipatch)
-
-
-def straighten(model: pt.MultiPatch) -> pt.MultiPatch:
-    """Minimise the distortion against rectangles as long and wide as the patches: right angles everywhere."""
-    points, topology = model.topology.coordinates, model.topology
-    for _ in range(ROUNDS):
-        current = model.with_control_points([points[p] for p in topology.points])
-        reference = []
-        for patch in current.patches:
-            c = patch.control_points
-            width, height = (np.linalg.norm(np.diff(c, axis=axis), axis=2).sum(axis=axis).mean() for axis in (0, 1))
-            grid = np.meshgrid(*(greville(knots) for knots in patch.knots), indexing="ij")
-            reference.append(patch.with_control_points(np.stack(grid, axis=2) * [width, height]))
-        points = SplineOptimizer(topology, reference).minimise(points, area_weight=0.3).points
-    return model.with_control_points([points[p] for p in topology.points])
+    return result.multipatch
 
 
 # ------------------------------------------------------------------------------------------------ target
