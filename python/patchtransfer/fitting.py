@@ -150,7 +150,9 @@ def _add_side(
     per_span = max(SAMPLES_PER_SPAN, -(-MIN_SAMPLES // (len(breaks) - 1)))
     t = np.interp(np.arange(per_span * (len(breaks) - 1) + 1) / per_span, np.arange(len(breaks)), breaks)
     key = (curve.degree, curve.knots.tobytes())
-    group = groups.setdefault(key, _Group(collocation_matrix(curve.knots, curve.degree, t)))
+    if key not in groups:
+        groups[key] = _Group(collocation_matrix(curve.knots, curve.degree, t))
+    group = groups[key]
     fractions = np.linspace(joints[i], joints[i + 1], len(t))
     lengths = fractions if uniform else loop.to_target(loop.source.arc_length(i, t))
     # The joint's point is evaluated at one and the same arc length for both curves that meet there.

@@ -121,20 +121,8 @@ class Outline:
         k = chord[rows, pick]
         step = np.diff(self._table)[k]
         s = s_all[k] + fraction[rows, pick] * step
-        best_s, best = s.copy(), np.full(len(points), np.inf)
-        active = rows
-        for _ in range(8):
-            here = self.evaluate(s[active])
-            offset = points[active] - here[:, :2]
-            distance = np.linalg.norm(offset, axis=1)
-            better = distance < best[active]
-            best_s[active[better]], best[active[better]] = s[active[better]], distance[better]
-            move = np.clip((offset * here[:, 2:]).sum(axis=1), -step[active], step[active])
-            s[active] += move
-            active = active[better & (abs(move) > 1e-9 * self.length)]
-            if len(active) == 0:
-                break
-        return np.mod(best_s, self.length), best
+        feet = _core.outline_feet(self._pieces, self._table, np.ascontiguousarray(points), s, step)
+        return np.mod(feet[:, 0], self.length), feet[:, 1]
 
     def polygon(self, n: int) -> FloatArray:
         """`n` points at equal arc-length distances."""

@@ -45,6 +45,34 @@ impl Outline<'_> {
         (point, std::array::from_fn(|d| (slope[d] - slope[2] * point[d]) / value[2]))
     }
 
+    /// Feet of the perpendiculars from `points`, starting at the arc lengths `s`: `[s, distance]` each.
+    ///
+    /// Newton steps along the tangent, at most 8 and none longer than `reach`, as long as the distance falls.
+    pub fn feet(&self, points: &[[f64; 2]], s: &[f64], reach: &[f64]) -> Vec<[f64; 2]> {
+        let small = 1e-9 * self.table[self.table.len() - 1];
+        let starts = points.iter().zip(s).zip(reach);
+        starts
+            .map(|((point, &start), &reach)| {
+                let (mut at, mut best) = (start, [start, f64::INFINITY]);
+                for _ in 0..8 {
+                    let here = self.evaluate(&[at], false)[0];
+                    let offset = [point[0] - here[0], point[1] - here[1]];
+                    let distance = offset[0].hypot(offset[1]);
+                    if distance >= best[1] {
+                        break;
+                    }
+                    best = [at, distance];
+                    let step = (offset[0] * here[2] + offset[1] * here[3]).clamp(-reach, reach);
+                    if step.abs() <= small {
+                        break;
+                    }
+                    at += step;
+                }
+                best
+            })
+            .collect()
+    }
+
     /// Points and unit tangents at the arc lengths `s`, `[x, y, tx, ty]` each.
     pub fn evaluate(&self, s: &[f64], from_left: bool) -> Vec<[f64; 4]> {
         let flat = 1e-9 * self.table[self.table.len() - 1];
@@ -81,5 +109,9 @@ mod tests {
         assert_eq!(outline.evaluate(&[1.0], false)[0], [1.0, 0.0, 0.0, 1.0]);
         assert_eq!(outline.evaluate(&[1.0], true)[0], [1.0, 0.0, 1.0, 0.0]);
         assert_eq!(outline.evaluate(&[0.0], true)[0], [0.0, 0.0, 0.0, -1.0]);
+        assert_eq!(
+            outline.feet(&[[0.3, -0.5], [1.2, 0.6]], &[0.5, 1.5], &[0.5, 0.5]),
+            [[0.3, 0.5], [1.6, 0.19999999999999996]]
+        );
     }
 }
