@@ -155,7 +155,7 @@ def test_outputs_are_all_or_nothing(tmp_path):
 def test_interrupt_while_the_core_runs(tmp_path):
     """SIGINT during the optimisation of a large model: status 130, one line, nothing written."""
     mp = models.grid(6, 6)
-    for _ in range(3):
+    for _ in range(4):
         mp = refine_uniformly(mp)
     target, _ = targets.deformed(mp, targets.bend(mp, 60))
     pt.write(mp, tmp_path / "s.xml")

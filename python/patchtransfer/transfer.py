@@ -230,7 +230,8 @@ class TransferPlan:
             registration = register(self._loops, target, landmarks, marked_curves=paper)
         with clock("feasibility"):
             warnings = [*registration.warnings]
-            warnings += check_loops([loop.target.curves for loop in registration.loops], "target boundary")
+            # As given, so that messages name the user's own loops, curves and parameters.
+            warnings += check_loops(target.loops, "target boundary")
             images = [loop.joints[:-1] for loop in registration.loops]
             check_target_corners(
                 [loop.target.point(s) for loop, s in zip(registration.loops, images, strict=True)],
