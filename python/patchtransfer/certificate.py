@@ -282,7 +282,7 @@ def _weld(multipatch: MultiPatch) -> tuple[MultiPatch, list[str]]:
             )
     if not notes:
         return multipatch, []
-    return multipatch.with_control_points([topology.coordinates[points] for points in topology.points]), notes
+    return multipatch.with_shared_points(topology.coordinates), notes
 
 
 def _shorten(reasons: list[str]) -> tuple[str, ...]:

@@ -372,7 +372,6 @@ def _iterate(groups: list[_Group], joints: list[_Joint], level_above: float) -> 
             continue
         for group in groups:
             group.hold_ends()
-        for group in groups:
             group.error = group.foot_errors()
         worst = max(float(group.error.max()) for group in groups)
         # Tangents are shared, so the best is one of all sides together: the largest error, then the others.

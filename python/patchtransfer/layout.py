@@ -19,7 +19,7 @@ from .multipatch import Boundary, MultiPatch
 from .outline import Outline
 from .registration import CORNER, SNAP_DISTANCE, register
 from .result import TransferResult
-from .splines import FloatArray, Patch, frozen_array, knot_spans
+from .splines import FloatArray, Patch, frozen_array, greville, knot_spans
 from .transfer import TransferPlan
 
 __all__ = ["QuadLayout", "from_layout"]
@@ -128,11 +128,6 @@ class QuadLayout:
             points = (1 - u) * (1 - v) * a + u * (1 - v) * b + u * v * c + (1 - u) * v * d
             patches.append(Patch((knots, knots), (degree, degree), points))
         return MultiPatch(patches)
-
-
-def greville(knots: FloatArray, degree: int) -> FloatArray:
-    """Greville abscissae (n,), the coefficients of the identity."""
-    return np.array([knots[i + 1 : i + degree + 1].mean() for i in range(len(knots) - degree - 1)])
 
 
 def from_layout(

@@ -173,6 +173,10 @@ class MultiPatch:
         moved.__dict__["topology"] = self.topology.moved(patches)
         return moved
 
+    def with_shared_points(self, points: FloatArray) -> MultiPatch:
+        """The same with the shared control points (n_points, 2) of `topology`: both sides of interfaces bit-equal."""
+        return self.with_control_points([points[index] for index in self.topology.points])
+
     def boundary(self) -> Boundary:
         """The boundary curves, loop by loop, the domain on their left."""
         return Boundary([[side.curve(self.patches) for side in loop] for loop in self.loops])

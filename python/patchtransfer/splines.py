@@ -23,6 +23,7 @@ __all__ = [
     "Patch",
     "collocation_matrix",
     "elevate",
+    "greville",
     "insert_knots",
     "knot_spans",
 ]
@@ -81,6 +82,11 @@ def knot_spans(knots: ArrayLike) -> FloatArray:
     return np.unique(np.asarray(knots, dtype=np.float64))
 
 
+def greville(knots: FloatArray, degree: int) -> FloatArray:
+    """Greville abscissae (n,), the coefficients of the identity."""
+    return np.array([knots[i + 1 : i + degree + 1].mean() for i in range(len(knots) - degree - 1)])
+
+
 def collocation_matrix(knots: ArrayLike, degree: int, t: ArrayLike, order: int = 0) -> FloatArray:
     """Values of all basis functions' derivatives of `order` at the points `t`, shape (len(t), n)."""
     knots = np.asarray(knots, dtype=np.float64)
@@ -128,11 +134,11 @@ def elevate(
     """
     breaks, multiplicity = np.unique(knots, return_counts=True)
     fine, degree_up = np.repeat(breaks, multiplicity + by), degree + by
-    greville = np.array([fine[i + 1 : i + degree_up + 1].mean() for i in range(len(fine) - degree_up - 1)])
-    greville = np.clip(greville, knots[0], knots[-1])
+    # A mean of equal end knots may round out of the domain.
+    at = np.clip(greville(fine, degree_up), knots[0], knots[-1])
     flat = coefficients.reshape(len(coefficients), -1)
-    values = collocation_matrix(knots, degree, greville) @ flat
-    raised = np.linalg.solve(collocation_matrix(fine, degree_up, greville), values)
+    values = collocation_matrix(knots, degree, at) @ flat
+    raised = np.linalg.solve(collocation_matrix(fine, degree_up, at), values)
     raised[0], raised[-1] = flat[0], flat[-1]
     return fine, degree_up, np.asarray(raised.reshape(-1, *coefficients.shape[1:]), dtype=np.float64)
 

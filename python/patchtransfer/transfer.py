@@ -137,7 +137,7 @@ class TransferPlan:
                 f"the source has {topology.n_components} separate parts (are interfaces missing?); transfer them one "
                 "by one"
             )
-        self._welded = source.with_control_points([topology.coordinates[p] for p in topology.points])
+        self._welded = source.with_shared_points(topology.coordinates)
         self._loops = self._welded.boundary().loops
         valence = {vertex.point: vertex.valence for vertex in topology.vertices}
         starts = [[int(side.points(topology.points[side.patch])[0]) for side in loop] for loop in topology.loops]
@@ -225,7 +225,6 @@ class TransferPlan:
         """One pass through the pipeline."""
         clock = _Clock()
         paper = method == "paper"
-        topology = self.source.topology
         with clock("registration"):
             registration = register(self._loops, target, landmarks, marked_curves=paper)
         with clock("feasibility"):
@@ -260,7 +259,7 @@ class TransferPlan:
         else:
             points, certificate, log = self._certified(start, degenerate, progress, clock)
         with clock("quality"):
-            multipatch = self.source.with_control_points([points[p] for p in topology.points])
+            multipatch = self.source.with_shared_points(points)
             metrics = quality(multipatch, exclude=degenerate)
         with clock("continuity report"):
             continuity = check_continuity(multipatch)
@@ -316,7 +315,7 @@ class TransferPlan:
 
     def _certify(self, points: FloatArray, clock: _Clock) -> Certificate:
         with clock("certificate"):
-            return certify(self.source.with_control_points([points[p] for p in self.source.topology.points]))
+            return certify(self.source.with_shared_points(points))
 
     def _certified(
         self, start: FloatArray, degenerate: Sequence[tuple[int, int]], progress: Progress | None, clock: _Clock
