@@ -146,10 +146,15 @@ def main() -> None:
     type=click.Choice(["never", "auto"]),
     default="never",
     show_default=True,
-    help="Allow one uniform refinement of the source.",
+    help="auto: insert knots into the source where it misses the target; refine it if no certified map is found.",
 )
 @click.option("--fit-tolerance", type=float, default=1e-3, show_default=True, metavar="X", help="Boundary error.")
-@click.option("--fixed-correspondence", is_flag=True, help="Keep the joints where registration puts them.")
+@click.option(
+    "--fixed-correspondence/--sliding-joints",
+    default=None,
+    help="Keep all joints where registration puts them (default with landmarks), or let those that are neither corners "
+    "nor landmarks slide to lower the distortion (default without).",
+)
 @click.option("--keep-uncertified", is_flag=True, help="Write the best map even without a certificate.")
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
 @click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
@@ -164,7 +169,7 @@ def transfer(
     method: str,
     refine: str,
     fit_tolerance: float,
-    fixed_correspondence: bool,
+    fixed_correspondence: bool | None,
     keep_uncertified: bool,
     plot_path: str | None,
     plot_registration: str | None,
@@ -174,7 +179,7 @@ def transfer(
     """Transfer the parameterization SOURCE to the boundary TARGET.
 
     SOURCE is a multi-patch (G+Smo XML). TARGET is a boundary: G+Smo XML, closed point lists (CSV) or an SVG
-    drawing. Joints stay where registration puts them in this version, with or without --fixed-correspondence.
+    drawing.
     """
     from . import io, plot
     from .transfer import transfer as run
@@ -196,6 +201,7 @@ def transfer(
                 progress,
                 refine=refine,
                 fit_tolerance=fit_tolerance,
+                fixed_correspondence=fixed_correspondence,
                 on_failure="return" if keep_uncertified else "raise",
             )
         with _all_or_nothing(output, plot_path, plot_registration, json_path):

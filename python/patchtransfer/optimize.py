@@ -93,6 +93,10 @@ class SplineOptimizer:
         """Smallest det A over the nodes, relative to the mean."""
         return self._core.determinants(points)[0]
 
+    def gradient(self, points: FloatArray, area_weight: float = AREA_WEIGHT) -> tuple[float, FloatArray]:
+        """Energy of a fold-free map and its gradient (n_points, 2), boundary points included, at fixed scale."""
+        return self._core.gradient(points, area_weight)
+
     def minimise(
         self,
         points: FloatArray,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from typing import Any
@@ -62,9 +63,9 @@ class TransferResult:
     warnings: tuple[str, ...]
     timings: dict[str, float]
 
-    def with_warning(self, text: str) -> TransferResult:
-        """The result with one more warning."""
-        return replace(self, warnings=(*self.warnings, text))
+    def with_warnings(self, texts: Sequence[str]) -> TransferResult:
+        """The result with more warnings."""
+        return replace(self, warnings=(*self.warnings, *texts))
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the geometry, ready for JSON."""

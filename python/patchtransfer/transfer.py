@@ -11,9 +11,10 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .background_mesh import source_mesh
 from .bounded_distortion import remove_foldovers
@@ -25,9 +26,12 @@ from .fitting import SMOOTH, FittedBoundary, fit_boundary
 from .harmonic import mesh_harmonic_map
 from .multipatch import Boundary, MultiPatch
 from .optimize import Progress, SplineOptimizer, degenerate_corners, optimize_with_ladder
+from .outline import Outline
 from .quality import quality
-from .registration import register
+from .refinement import Knot, insert_in_strips, missed_spans, span_middles
+from .registration import Registration, register
 from .result import TransferResult
+from .sliding import Slid, movable_joints, slide_joints
 from .splines import FloatArray, Patch
 from .topology import CORNERS
 
@@ -35,6 +39,8 @@ __all__ = ["TransferPlan", "transfer"]
 
 METHODS = ("certified", "paper")
 CONTINUITY = ("c0", "c1", "g1")
+#: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
+REFINEMENTS = 6
 
 
 def transfer(
@@ -47,6 +53,7 @@ def transfer(
     *,
     refine: str = "never",
     fit_tolerance: float = 1e-3,
+    fixed_correspondence: bool | None = None,
     on_failure: str = "raise",
 ) -> TransferResult:
     """Transfer a multi-patch parameterization to a target boundary.
@@ -68,10 +75,13 @@ def transfer(
     progress : callable, optional
         Called as ``progress(stage, step, energy, smallest_determinant)``.
     refine : {"never", "auto"}, default "never"
-        "auto" allows one uniform refinement of the source when its knots miss the target or no certified map
-        is found.
+        "auto" inserts knots into the source, in whole strips of patches, where its boundary misses the target by
+        more than `fit_tolerance`, and refines it uniformly once if no certified map is found.
     fit_tolerance : float, default 1e-3
         Boundary error, relative to the target's diameter, that the fit should reach.
+    fixed_correspondence : bool, optional
+        False lets boundary joints that are neither corners nor landmarks slide along the target to lower the
+        distortion (see `slide_joints`; method "certified" only). Default True with landmarks, False without.
     on_failure : {"raise", "return"}, default "raise"
         What to do when no certified map is found: raise `NotCertifiedError` (the best map is its ``result``) or
         return the result with ``certificate.injective == False``.
@@ -97,6 +107,7 @@ def transfer(
         progress=progress,
         refine=refine,
         fit_tolerance=fit_tolerance,
+        fixed_correspondence=fixed_correspondence,
         on_failure=on_failure,
     )
 
@@ -164,6 +175,7 @@ class TransferPlan:
         progress: Progress | None = None,
         refine: str = "never",
         fit_tolerance: float = 1e-3,
+        fixed_correspondence: bool | None = None,
         on_failure: str = "raise",
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
@@ -176,16 +188,30 @@ class TransferPlan:
                 raise InputError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
         if not 0 < fit_tolerance < 1:
             raise InputError(f"fit_tolerance must lie between 0 and 1, got {fit_tolerance!r}")
-        result = self._attempt(target, landmarks, method, progress, fit_tolerance)
-        good = result.certificate.injective and result.boundary_error <= fit_tolerance
-        if refine == "auto" and not good:
-            reference = None if self.reference is None else [_halve_spans(patch) for patch in self.reference]
-            plan = TransferPlan(refine_uniformly(self._welded), self.continuity, reference=reference)
-            finer = plan._attempt(target, landmarks, method, progress, fit_tolerance)
-            if finer.certificate.injective or not result.certificate.injective:
-                result = finer.with_warning("the source was refined uniformly: one knot in every span of every patch")
+        if fixed_correspondence is None:
+            fixed_correspondence = landmarks is not None or method == "paper"
+        elif not fixed_correspondence and method == "paper":
+            raise InputError('joints slide with method="certified" only; leave fixed_correspondence out')
+        clock = _Clock()
+        registration = self._register(target, landmarks, method, clock)
+        movable = None if fixed_correspondence else movable_joints(registration, landmarks)
+        plan, fitted = self, self._fit(registration, method, fit_tolerance, clock)
+        notes: list[str] = []
+        if refine == "auto":
+            plan, registration, fitted, notes = self._refined_to_tolerance(
+                registration, fitted, method, fit_tolerance, clock
+            )
+        result = plan._attempt(registration, fitted, movable, method, progress, fit_tolerance, clock)
+        if refine == "auto" and not result.certificate.injective:
+            plan, registration = plan._refined(span_middles(plan.source.patches), registration)
+            fitted = plan._fit(registration, method, fit_tolerance, clock)
+            finer = plan._attempt(registration, fitted, movable, method, progress, fit_tolerance, clock)
+            if finer.certificate.injective:
+                result, note = finer, "the source was refined uniformly: one knot in every span of every patch"
             else:
-                result = result.with_warning("a uniform refinement of the source was tried: no certified map was found")
+                note = "a uniform refinement of the source was tried: no certified map was found"
+            notes.append(note)
+        result = result.with_warnings(notes)
         if on_failure == "raise" and not result.certificate.injective:
             raise NotCertifiedError(
                 f"no certified map was found ({result.certificate.status}): "
@@ -214,23 +240,13 @@ class TransferPlan:
         task = _Task(self, options)
         return map(task, targets) if executor is None else executor.map(task, targets)
 
-    def _attempt(
-        self,
-        target: Boundary,
-        landmarks: ArrayLike | None,
-        method: str,
-        progress: Progress | None,
-        fit_tolerance: float,
-    ) -> TransferResult:
-        """One pass through the pipeline."""
-        clock = _Clock()
-        paper = method == "paper"
+    def _register(self, target: Boundary, landmarks: ArrayLike | None, method: str, clock: _Clock) -> Registration:
+        """Correspondence of the boundaries, on a target that allows an injective map."""
         with clock("registration"):
-            registration = register(self._loops, target, landmarks, marked_curves=paper)
+            registration = register(self._loops, target, landmarks, marked_curves=method == "paper")
         with clock("feasibility"):
-            warnings = [*registration.warnings]
             # As given, so that messages name the user's own loops, curves and parameters.
-            warnings += check_loops(target.loops, "target boundary")
+            notes = check_loops(target.loops, "target boundary")
             images = [loop.joints[:-1] for loop in registration.loops]
             check_target_corners(
                 [loop.target.point(s) for loop, s in zip(registration.loops, images, strict=True)],
@@ -238,12 +254,61 @@ class TransferPlan:
                 self._single,
                 SMOOTH,
             )
+        return replace(registration, warnings=(*registration.warnings, *notes))
+
+    def _fit(self, registration: Registration, method: str, tolerance: float, clock: _Clock) -> FittedBoundary:
         with clock("fitting"):
-            fitted = fit_boundary(registration, parameters="uniform" if paper else "speed", tolerance=fit_tolerance)
-            warnings += fitted.warnings
+            parameters = "uniform" if method == "paper" else "speed"
+            return fit_boundary(registration, parameters=parameters, tolerance=tolerance)
+
+    def _refined_to_tolerance(
+        self, registration: Registration, fitted: FittedBoundary, method: str, tolerance: float, clock: _Clock
+    ) -> tuple[TransferPlan, Registration, FittedBoundary, list[str]]:
+        """Insert knots where the fit misses the target, until it reaches the tolerance."""
+        plan, count = self, 0
+        for _ in range(REFINEMENTS):
+            if fitted.error <= tolerance:
+                break
+            with clock("refinement"):
+                knots = missed_spans(registration, fitted, plan.source.topology.loops, tolerance)
+                plan, registration = plan._refined(knots, registration)
+            count += len(knots)
+            fitted = plan._fit(registration, method, tolerance, clock)
+        if plan is self:
+            return plan, registration, fitted, []
+        before, after = self.source.topology.n_points, plan.source.topology.n_points
+        note = (
+            f"the source was refined: knots in {count} boundary spans and the strips of patches behind them, "
+            f"{before} -> {after} control points"
+        )
+        return plan, registration, fitted, [note]
+
+    def _refined(self, knots: Sequence[Knot], registration: Registration) -> tuple[TransferPlan, Registration]:
+        """A plan for the source with more knots, and the same correspondence with its boundary curves."""
+        topology = self._welded.topology
+        patches = insert_in_strips(topology, topology.patches, knots)
+        reference = None if self.reference is None else insert_in_strips(topology, self.reference, knots)
+        source = MultiPatch(patches, self.source.interfaces, self.source.ids)
+        plan = TransferPlan(source, self.continuity, reference=reference)
+        loops = [
+            replace(loop, source=Outline(curves)) for loop, curves in zip(registration.loops, plan._loops, strict=True)
+        ]
+        return plan, replace(registration, loops=tuple(loops))
+
+    def _attempt(
+        self,
+        registration: Registration,
+        fitted: FittedBoundary,
+        movable: Sequence[NDArray[np.bool_]] | None,
+        method: str,
+        progress: Progress | None,
+        fit_tolerance: float,
+        clock: _Clock,
+    ) -> TransferResult:
+        """From the fitted boundary to the result, with the source's knots."""
         with clock("feasibility"):
             corner_bound, degenerate, failure = self._check_fit(fitted)
-            warnings += [
+            warnings = [
                 f"patch {k} is degenerate at its corner {c}: one patch fills a straight angle of the target there"
                 for k, c in degenerate
             ]
@@ -252,12 +317,25 @@ class TransferPlan:
             # No interior can mend the boundary: show the harmonic map on it.
             points, log = self._optimizer(()).harmonic(start), [failure]
             certificate = self._certify(points, clock)
-        elif paper:
+        elif method == "paper":
             points, log, notes = self._paper(start, clock)
             warnings += notes
             certificate = self._certify(points, clock)
         else:
+            slides = []
+            if movable is not None and any(mask.any() for mask in movable):
+                with clock("sliding"):
+                    slid = self._slide(registration, fitted, start, movable, degenerate, fit_tolerance)
+                if slid is None:
+                    slides = ["joints were not slid: the map has folds, so no distortion to compare"]
+                else:
+                    registration, fitted, start = slid.registration, slid.fitted, slid.map.points
+                    slides = [
+                        f"joints slid in {len(slid.energies) - 1} rounds: energy {slid.energies[0]:.4f} -> "
+                        f"{slid.energies[-1]:.4f}"
+                    ]
             points, certificate, log = self._certified(start, degenerate, progress, clock)
+            log = slides + log
         with clock("quality"):
             multipatch = self.source.with_shared_points(points)
             metrics = quality(multipatch, exclude=degenerate)
@@ -275,7 +353,7 @@ class TransferPlan:
             method=method,
             log=tuple(log),
             fit_failed=failure is not None,
-            warnings=tuple(warnings),
+            warnings=(*registration.warnings, *fitted.warnings, *warnings),
             timings=clock.seconds,
         )
 
@@ -316,6 +394,38 @@ class TransferPlan:
     def _certify(self, points: FloatArray, clock: _Clock) -> Certificate:
         with clock("certificate"):
             return certify(self.source.with_shared_points(points))
+
+    def _slide(
+        self,
+        registration: Registration,
+        fitted: FittedBoundary,
+        start: FloatArray,
+        movable: Sequence[NDArray[np.bool_]],
+        degenerate: Sequence[tuple[int, int]],
+        tolerance: float,
+    ) -> Slid | None:
+        """Joints where the distortion is least; None when the map is folded to begin with, so has no distortion."""
+        optimizer = self._optimizer(degenerate)
+        found = optimizer.minimise(optimizer.harmonic(start))
+        if found.min_determinant <= 0:
+            return None
+
+        def refit(moved: Registration) -> FittedBoundary | None:
+            trial = fit_boundary(moved, tolerance=tolerance)
+            _, corners, failure = self._check_fit(trial)
+            return trial if failure is None and corners == list(degenerate) else None
+
+        return slide_joints(
+            registration,
+            fitted,
+            found,
+            movable,
+            self.source.topology,
+            optimizer,
+            refit,
+            self._with_boundary,
+            tolerance,
+        )
 
     def _certified(
         self, start: FloatArray, degenerate: Sequence[tuple[int, int]], progress: Progress | None, clock: _Clock
@@ -409,15 +519,3 @@ class _Clock:
             if self._open:
                 outer = self._open[-1]
                 self.seconds[outer] = self.seconds.get(outer, 0.0) - spent
-
-
-def refine_uniformly(source: MultiPatch) -> MultiPatch:
-    """The same geometry with one knot inserted in the middle of every span of every patch."""
-    return MultiPatch([_halve_spans(patch) for patch in source.patches], source.interfaces, source.ids)
-
-
-def _halve_spans(patch: Patch) -> Patch:
-    for axis in (0, 1):
-        breaks = np.unique(patch.knots[axis])
-        patch = patch.insert_knots(axis, (breaks[:-1] + breaks[1:]) / 2)
-    return patch

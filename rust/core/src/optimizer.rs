@@ -172,6 +172,37 @@ impl SplineOptimizer {
         Ok(out)
     }
 
+    /// Energy and its gradient with respect to all shared points, fixed ones included; no folds are opened (ε → 0).
+    pub fn gradient(&self, x: &[[f64; 2]], lambda: f64) -> (f64, Vec<[f64; 2]>) {
+        let (_, mean) = self.elements.determinants(x, 1.0);
+        let scale = if mean > 0.0 { 1.0 / mean.sqrt() } else { 1.0 };
+        let width = self.elements.max_functions();
+        let per_element: Vec<(f64, Vec<[f64; 2]>)> = (0..self.elements.len())
+            .into_par_iter()
+            .with_min_len(16)
+            .map_init(Scratch::default, |scratch, e| {
+                let (mut sum, mut by_a) = (0.0, vec![[0.0; 4]; self.elements.nodes_of(e)]);
+                self.elements.for_each_node(e, x, scale, scratch, |node, a, w| {
+                    let (f, _, g) = barrier::gradient(a, EPS_FEASIBLE, lambda);
+                    sum += w * f;
+                    by_a[node] = g.map(|v| w * v);
+                });
+                let mut local = vec![[0.0; 2]; width];
+                self.elements.scatter_gradient(e, &by_a, scale, scratch, &mut local);
+                (sum, local)
+            })
+            .collect();
+        // Summed in the order of the elements: the same bits for any number of threads.
+        let (mut energy, mut gradient) = (0.0, vec![[0.0; 2]; self.n_points]);
+        for (e, (sum, local)) in per_element.iter().enumerate() {
+            energy += sum;
+            for (&p, g) in self.elements.points_of(e).iter().zip(local) {
+                (0..2).for_each(|c| gradient[p as usize][c] += g[c]);
+            }
+        }
+        (energy, gradient)
+    }
+
     /// Minimise the distortion from the start `x`, whose fixed points stay (and whose rows hold, with a basis).
     ///
     /// `observe` is called before every step and may stop the iteration.

@@ -89,6 +89,17 @@ impl SplineOptimizer {
         threads::run(py, || self.core.determinants(&x))
     }
 
+    fn gradient<'py>(
+        &self,
+        py: Python<'py>,
+        points: PyReadonlyArray2<'py, f64>,
+        lambda_: f64,
+    ) -> PyResult<(f64, Bound<'py, PyArray2<f64>>)> {
+        let x = self.shared_points(&points)?;
+        let (energy, gradient) = threads::run(py, || self.core.gradient(&x, lambda_))?;
+        Ok((energy, array2(py, &gradient)))
+    }
+
     #[pyo3(signature = (points, lambda_=0.3, max_steps=200, tolerance=1e-8, callback=None))]
     fn minimise<'py>(
         &mut self,

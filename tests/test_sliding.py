@@ -1,0 +1,114 @@
+"""Joints that slide along the target to lower the distortion."""
+
+import numpy as np
+import pytest
+
+import models
+import patchtransfer as pt
+import targets
+from patchtransfer import InputError
+from patchtransfer.outline import Outline
+from patchtransfer.registration import register
+from patchtransfer.sliding import _modes, movable_joints
+
+
+def energy_log(result: pt.TransferResult) -> tuple[float, float]:
+    line = next(line for line in result.log if line.startswith("joints slid"))
+    before, after = line.rsplit("energy ", 1)[1].split(" -> ")
+    return float(before), float(after)
+
+
+CASES = {
+    "annulus, swirl": (lambda: models.annulus(6, 3, 2), lambda mp: targets.swirl(mp, (0.3, 0.5), 40, 0.4)),
+    "o-grid, bump": (lambda: models.o_grid(3, 3), lambda mp: targets.bump(mp, (0.9, 0.6), (0.3, 0.1), 0.3)),
+    "star, bend": (lambda: models.star(5, 3, 2), lambda mp: targets.bend(mp, 70)),
+    "plate, articulation": (lambda: models.plate_with_hole(3, 2), lambda mp: targets.articulation(mp, 30, blend=0.9)),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_sliding_lowers_the_energy_and_keeps_the_fit(name):
+    make, deformation = CASES[name]
+    mp = make()
+    target, _ = targets.deformed(mp, deformation(mp), seed=2)
+    plan = pt.TransferPlan(mp)
+    fixed = plan.transfer(target, fixed_correspondence=True)
+    slid = plan.transfer(target)
+    before, after = energy_log(slid)
+    assert 2.6 - 1e-9 <= after <= before
+    assert slid.certificate.injective
+    assert slid.boundary_error <= max(1e-3, 1.2 * fixed.boundary_error) * (1 + 1e-9)
+    assert slid.quality.condition_number.mean <= fixed.quality.condition_number.mean * 1.01
+    if name == "annulus, swirl":
+        # Both boundaries are smooth all around: there is room to slide, and it pays.
+        assert after - 2.6 < 0.8 * (before - 2.6)
+
+
+def test_joints_shifted_along_the_loop_slide_back():
+    """The target is the source's own boundary, matched with an error: the identity has the least energy."""
+    mp = models.annulus(6, 3, 3)
+    target = mp.boundary()
+    outlines = [Outline(loop) for loop in target.loops]
+    rng = np.random.default_rng(5)
+    rows = []
+    for outline in outlines:
+        s = outline.joints[:-1] + 0.1 * np.diff(outline.joints).min() * rng.uniform(-1, 1, len(outline.joints) - 1)
+        rows.append(np.column_stack([outline.point(outline.joints[:-1]), outline.point(s)]))
+    wrong = register(target.loops, target, np.concatenate(rows))
+    plan = pt.TransferPlan(mp)
+    clock = pt.transfer.__globals__["_Clock"]()
+    movable = [np.ones(6, bool)] * 2
+    result = plan._attempt(wrong, plan._fit(wrong, "certified", 1e-3, clock), movable, "certified", None, 1e-3, clock)
+    before, after = energy_log(result)
+    assert after - 2.6 < 0.1 * (before - 2.6)
+
+
+def test_corners_and_landmarks_stay():
+    mp = models.plate_with_hole(3, 2)
+    target, landmarks = targets.deformed(mp, targets.bend(mp, 30), seed=1)
+    registration = register(mp.boundary().loops, target, landmarks)
+    outer, hole = movable_joints(registration, None)
+    assert outer.tolist().count(False) == 4
+    assert hole.all()
+    assert not any(mask.any() for mask in movable_joints(registration, landmarks))
+    hole_rows = [row for row in landmarks if np.linalg.norm(row[:2]) < 0.5]
+    outer, hole = movable_joints(registration, hole_rows[:3])
+    assert hole.sum() == 5
+    assert outer.sum() == 4
+
+
+def test_landmarks_fix_the_correspondence_unless_told_otherwise():
+    mp = models.annulus(6, 3, 2)
+    f = targets.swirl(mp, (0.3, 0.5), 40, 0.4)
+    target, landmarks = targets.deformed(mp, f, seed=2)
+    fixed = pt.transfer(mp, target, landmarks)
+    assert not any("slid" in line for line in fixed.log)
+    for a, b in fixed.registration.joints:
+        np.testing.assert_allclose(b, f(a[None])[0], atol=1e-6 * target.diameter)
+    some = landmarks[::4]
+    slid = pt.transfer(mp, target, some, fixed_correspondence=False)
+    before, after = energy_log(slid)
+    assert after < before
+    for row in some:
+        image = min(slid.registration.joints, key=lambda pair: np.linalg.norm(pair[0] - row[:2]))[1]
+        np.testing.assert_allclose(image, row[2:], atol=1e-6 * target.diameter)
+
+
+def test_the_paper_method_does_not_slide():
+    mp = models.annulus(6, 3, 2)
+    target = mp.boundary()
+    assert not any("slid" in line for line in pt.transfer(mp, target, method="paper").log)
+    with pytest.raises(InputError, match="slide"):
+        pt.transfer(mp, target, method="paper", fixed_correspondence=False)
+
+
+@pytest.mark.parametrize("count", [5, 96, 97, 500])
+def test_modes_are_few_and_move_all_joints_together(count):
+    mask = np.ones(count, bool)
+    mask[2] = False
+    modes = _modes([mask])
+    assert len(modes) <= 96
+    total = sum(weights for _, weights in modes)
+    assert total[2] == 0
+    # Between the hats' centres the weights add up to one: a rigid motion is in the span.
+    assert np.allclose(total[mask][: -(-count // 96) * (len(modes) - 1) + 1], 1.0)
