@@ -396,7 +396,7 @@ def test_bad_landmarks(files, text, message):
     assert listing(files) == before
 
 
-@pytest.mark.parametrize("continuity", ["c1", "g1"])
+@pytest.mark.parametrize("continuity", ["g1"])
 def test_continuity_that_is_not_available_is_refused(files, continuity):
     before = listing(files)
     failed(run(*arguments(files, "--continuity", continuity)), 2, f'continuity "{continuity}" is not available')

@@ -7,7 +7,7 @@ from types import ModuleType
 
 from ._core import __version__
 from .certificate import Certificate, certify
-from .continuity import ContinuityReport, check_continuity
+from .continuity_report import ContinuityReport, check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError, TransferError
 from .io import read, read_boundary, read_landmarks, write
 from .layout import QuadLayout, from_layout

@@ -136,7 +136,7 @@ def main() -> None:
 @click.option(
     "--continuity",
     type=click.Choice(["c0", "c1", "g1"]),
-    default="c0",
+    default="c1",
     show_default=True,
     help="Across patches.",
 )
@@ -270,7 +270,7 @@ def check(file: str, json_path: str | None) -> None:
     """Topology, certificate, quality and continuity of the multi-patch FILE."""
     from . import io
     from .certificate import certify
-    from .continuity import check_continuity
+    from .continuity_report import check_continuity
     from .quality import quality
 
     report = _Report(json_path)

@@ -189,7 +189,7 @@ def from_layout(
     shape = start
     for _ in range(ROUNDS):
         # The sides of the rectangles follow the patches, which follow the rectangles.
-        plan = TransferPlan(start, reference=rectangles(shape))
+        plan = TransferPlan(start, "c0", reference=rectangles(shape))
         result = plan.transfer(boundary, landmarks, fit_tolerance=fit_tolerance, on_failure=on_failure)
         shape = result.multipatch
     assert result is not None

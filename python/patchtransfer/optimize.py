@@ -164,6 +164,7 @@ def optimize_with_ladder(
     source: FloatArray,
     boundary: NDArray[np.int64],
     progress: Progress | None = None,
+    project: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[OptimizedMap, Certificate, list[str]]:
     """Optimise until the certificate accepts the map, trying harder rung by rung.
 
@@ -183,6 +184,8 @@ def optimize_with_ladder(
     boundary : int array
         Indices of the boundary points.
     progress : callable, optional
+    project : callable, optional
+        Under continuity rows: takes a map to one that satisfies them. `start` is a good map then, not only a boundary.
 
     Returns
     -------
@@ -195,8 +198,7 @@ def optimize_with_ladder(
 
     def attempt(rung: str, optimizer: SplineOptimizer, points: FloatArray, weight: float = AREA_WEIGHT) -> bool:
         nonlocal best, latest
-        report = None if progress is None else (lambda step, e, d: progress(rung, step, e, d))
-        found = optimizer.minimise(points, weight, progress=report)
+        found = optimizer.minimise(points, weight, progress=reporter(progress, rung))
         certificate = certify(found.points)
         log.append(
             f"{rung}: {len(found.history)} Newton steps, {found.stop}, smallest determinant "
@@ -208,7 +210,7 @@ def optimize_with_ladder(
         return certificate.injective
 
     optimizer = make()
-    if attempt("optimise", optimizer, optimizer.harmonic(start)):
+    if attempt("optimise", optimizer, optimizer.harmonic(start) if project is None else start):
         return *_known(best), log
     extra: list[tuple[int, float, float]] = []
     for _ in range(ROUNDS):
@@ -226,12 +228,17 @@ def optimize_with_ladder(
     for rung, weight in (("twice the nodes", AREA_WEIGHT), ("area weight 1", 1.0)):
         if attempt(rung, optimizer, _known(best)[0].points, weight):
             return *_known(best), log
-    continued = _continue_boundary(optimizer, source, start, boundary)
+    continued = _continue_boundary(optimizer, source, start, boundary, project or (lambda points: points))
     if continued is None:
         log.append("continuation: no fold-free path from the source's boundary was found")
     else:
         attempt("continuation", optimizer, continued)
     return *_known(best), log
+
+
+def reporter(progress: Progress | None, stage: str) -> Callable[[int, float, float], None] | None:
+    """A stage's own progress callback."""
+    return None if progress is None else (lambda step, energy, least: progress(stage, step, energy, least))
 
 
 def _nodes_of(cells: Sequence[Cell]) -> Iterator[tuple[int, float, float]]:
@@ -256,7 +263,11 @@ def _rank(certificate: Certificate, found: OptimizedMap) -> tuple[bool, bool, fl
 
 
 def _continue_boundary(
-    optimizer: SplineOptimizer, source: FloatArray, target: FloatArray, boundary: NDArray[np.int64]
+    optimizer: SplineOptimizer,
+    source: FloatArray,
+    target: FloatArray,
+    boundary: NDArray[np.int64],
+    project: Callable[[FloatArray], FloatArray],
 ) -> FloatArray | None:
     """Move the boundary from the source's (after a similarity) to the target's in adaptive steps, fold-free.
 
@@ -266,7 +277,7 @@ def _continue_boundary(
     za, zb = (x[:, 0] + 1j * x[:, 1] for x in (a - a.mean(axis=0), b - b.mean(axis=0)))
     w = np.vdot(za, zb) / np.vdot(za, za)
     z = (source[:, 0] - a[:, 0].mean() + 1j * (source[:, 1] - a[:, 1].mean())) * w
-    points = np.column_stack([z.real, z.imag]) + b.mean(axis=0)
+    points = project(np.column_stack([z.real, z.imag]) + b.mean(axis=0))
     begin, at, step = points[boundary].copy(), 0.0, 0.25
     while at < 1.0:
         step = min(step, 1.0 - at)
@@ -275,7 +286,7 @@ def _continue_boundary(
         # The harmonic correction is linear in the boundary: it moves the interior along smoothly.
         shift = np.zeros_like(points)
         shift[boundary] = moved[boundary] - points[boundary]
-        trial = optimizer.minimise(points + optimizer.harmonic(shift), max_steps=60)
+        trial = optimizer.minimise(points + optimizer.harmonic(project(shift)), max_steps=60)
         if trial.min_determinant > 0:
             points, at, step = trial.points, at + step, 2 * step
         else:
@@ -283,4 +294,4 @@ def _continue_boundary(
             if step < 1e-3:
                 return None
     points[boundary] = b
-    return np.asarray(points)
+    return project(np.asarray(points))

@@ -8,7 +8,8 @@ from html import escape
 from typing import Any
 
 from .certificate import Certificate
-from .continuity import ContinuityReport
+from .constrained import ActiveRows
+from .continuity_report import ContinuityReport
 from .fitting import FittedBoundary
 from .multipatch import MultiPatch
 from .quality import Quality
@@ -31,6 +32,9 @@ class TransferResult:
         Scaled Jacobian and condition number (paper Eq. 19-21).
     continuity : ContinuityReport
         Gaps, C1 residual, kink angles and AS-G1 residual across interfaces.
+    rows : ActiveRows or None
+        The continuity rows that the result satisfies; None for ``continuity="c0"``, and where no injective map was
+        found to apply them to.
     boundary_error : float
         Hausdorff distance of the boundary to the target, relative to the target's diameter.
     registration : Registration
@@ -53,6 +57,7 @@ class TransferResult:
     certificate: Certificate
     quality: Quality
     continuity: ContinuityReport
+    rows: ActiveRows | None
     boundary_error: float
     registration: Registration
     fitted: FittedBoundary
@@ -73,7 +78,7 @@ class TransferResult:
             "certificate": self.certificate.to_dict(),
             "quality": self.quality.to_dict(),
             "corner_bound": self.corner_bound,
-            "continuity": self.continuity.to_dict(),
+            "continuity": self.continuity.to_dict() | {"rows": None if self.rows is None else self.rows.to_dict()},
             "boundary_error": self.boundary_error,
             "registration": {
                 "joints": [{"source": a.tolist(), "target": b.tolist()} for a, b in self.registration.joints],

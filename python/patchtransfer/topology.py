@@ -20,7 +20,7 @@ from .errors import InputError
 from .multipatch import Interface, MultiPatch, Side
 from .splines import BSplineCurve, FloatArray, Patch, collocation_matrix, reverse_knots
 
-__all__ = ["BoundarySide", "Topology", "Vertex", "check_interfaces", "infer_interfaces"]
+__all__ = ["BoundarySide", "Spoke", "Topology", "Vertex", "check_interfaces", "infer_interfaces"]
 
 IntArray = NDArray[np.int64]
 
@@ -77,6 +77,14 @@ class Vertex:
     def extraordinary(self) -> bool:
         """Interior vertex with a valence other than 4."""
         return self.interior and self.valence != 4
+
+
+@dataclass(frozen=True)
+class Spoke:
+    """An end of an interface at a vertex: its last point (`at_end`) or its first, run with patch a on the left."""
+
+    interface: int
+    at_end: bool
 
 
 def infer_interfaces(patches: Sequence[Patch], tolerance: float | None = None) -> tuple[Interface, ...]:
@@ -185,10 +193,12 @@ class Topology:
         other.patches, other.interfaces = patches, self.interfaces
         other.points, other.n_points, other.boundaries = self.points, self.n_points, self.boundaries
         other.orientation = np.array([1 if signed_area(p) >= 0 else -1 for p in patches])
-        combinatorial = ["boundary_points", "interior_points", "n_components", "vertices", "chords"]
+        combinatorial = ["boundary_points", "interior_points", "n_components", "vertices"]
         # Loops are traversed by orientation, and ordered by area, so they carry over only with both.
-        if (other.orientation == self.orientation).all() and len(self.__dict__.get("loops", ())) == 1:
-            combinatorial.append("loops")
+        if (other.orientation == self.orientation).all():
+            combinatorial += ["directed_interfaces", "spokes", "directed_chords"]
+            if len(self.__dict__.get("loops", ())) == 1:
+                combinatorial.append("loops")
         other.__dict__.update({name: self.__dict__[name] for name in combinatorial if name in self.__dict__})
         return other
 
@@ -312,29 +322,85 @@ class Topology:
         return tuple(Vertex(v, tuple(around[v]), v not in boundary) for v in sorted(around))
 
     @cached_property
-    def chords(self) -> tuple[tuple[int, ...], ...]:
-        """Interfaces (indices) joined through opposite edges of interior valence-4 vertices."""
-        ends: dict[int, list[tuple[int, set[int]]]] = defaultdict(list)
-        for i, f in enumerate(self.interfaces):
-            along = f.side_a.of(self.points[f.patch_a])
-            for point in {int(along[0]), int(along[-1])}:
-                ends[point].append((i, {f.patch_a, f.patch_b}))
-        pairs = []
+    def directed_interfaces(self) -> tuple[BoundarySide, ...]:
+        """Side a of every interface, run with patch a on its left."""
+        return tuple(self.directed_side(f.patch_a, f.side_a) for f in self.interfaces)
+
+    @cached_property
+    def spokes(self) -> dict[int, tuple[Spoke, ...]]:
+        """Interface ends around every vertex, counter-clockwise; by shared control point.
+
+        At an interior vertex the interface after the last one is the first; at a boundary vertex the boundary
+        lies between them.
+        """
+        follows: dict[int, dict[Spoke, Spoke]] = defaultdict(dict)
+        found: dict[int, dict[Spoke, None]] = defaultdict(dict)
+        ends = self._interface_ends()
+        for k, points in enumerate(self.points):
+            for i, j in CORNERS:
+                along_u = (Side.SOUTH if j == 0 else Side.NORTH, i == -1)
+                along_v = (Side.WEST if i == 0 else Side.EAST, j == -1)
+                # Seen from the corner, u and v point into the patch: counter-clockwise, or mirrored.
+                turns_left = (self.orientation[k] > 0) == ((i == 0) == (j == 0))
+                pair = (along_u, along_v) if turns_left else (along_v, along_u)
+                first, second = (ends.get((k, *side)) for side in pair)
+                point = int(points[i, j])
+                found[point].update({spoke: None for spoke in (first, second) if spoke is not None})
+                if first is not None and second is not None:
+                    follows[point][first] = second
+        return {point: _chain(list(around), follows[point]) for point, around in found.items() if around}
+
+    def _interface_ends(self) -> dict[tuple[int, Side, bool], Spoke]:
+        """Interface ends by (patch, side, whether at the side's last parameter)."""
+        ends = {}
+        for index, (f, directed) in enumerate(zip(self.interfaces, self.directed_interfaces, strict=True)):
+            for last in (False, True):
+                ends[f.patch_a, f.side_a, last] = Spoke(index, last != directed.reversed)
+                ends[f.patch_b, f.side_b, last] = Spoke(index, (last != f.reversed) != directed.reversed)
+        return ends
+
+    @cached_property
+    def directed_chords(self) -> tuple[tuple[tuple[int, bool], ...], ...]:
+        """Interfaces joined through opposite edges of interior valence-4 vertices, as pairs (index, forward).
+
+        All interfaces of a chord are run in one sense; `forward` says that it is that of `directed_interfaces`.
+        """
+        across: dict[Spoke, Spoke] = {}
         for vertex in self.vertices:
             if vertex.interior and vertex.valence == 4:
-                around = ends[vertex.point]
-                # Opposite edges of a regular vertex share no patch.
-                pairs += [(i, j) for i, a in around for j, b in around if i < j and not a & b]
-        n = len(self.interfaces)
-        if n == 0:
-            return ()
-        rows, columns = np.array(pairs, int).reshape(-1, 2).T
-        graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
-        _, label = connected_components(graph, directed=False)
-        groups: dict[int, list[int]] = defaultdict(list)
-        for index, group in enumerate(label.tolist()):
-            groups[group].append(index)
-        return tuple(tuple(g) for g in groups.values())
+                around = self.spokes[vertex.point]
+                if len(around) < 4:
+                    continue  # Patches of inconsistent orientation, or glued to themselves.
+                across.update({around[i]: around[(i + 2) % 4] for i in range(4)})
+        chords: list[tuple[tuple[int, bool], ...]] = []
+        seen: set[int] = set()
+        for first in range(len(self.interfaces)):
+            if first in seen:
+                continue
+            chord = {first: True}
+            for forward in (True, False):
+                spoke = across.get(Spoke(first, forward))
+                while spoke is not None and spoke.interface not in chord:
+                    # Leaving the vertex from its start is the sense of the walk.
+                    chord[spoke.interface] = (not spoke.at_end) == forward
+                    spoke = across.get(Spoke(spoke.interface, not spoke.at_end))
+            seen |= chord.keys()
+            chords.append(tuple(sorted(chord.items())))
+        return tuple(chords)
+
+    @property
+    def chords(self) -> tuple[tuple[int, ...], ...]:
+        """Interfaces (indices) joined through opposite edges of interior valence-4 vertices."""
+        return tuple(tuple(index for index, _ in chord) for chord in self.directed_chords)
+
+
+def _chain(around: list[Spoke], follows: dict[Spoke, Spoke]) -> tuple[Spoke, ...]:
+    """The spokes of a vertex in order, from the one that follows no other if there is one."""
+    preceded = set(follows.values())
+    chain = [next((spoke for spoke in around if spoke not in preceded), around[0])]
+    while (following := follows.get(chain[-1])) is not None and following not in chain:
+        chain.append(following)
+    return tuple(chain)
 
 
 def polygon_area(points: FloatArray) -> float:

@@ -8,23 +8,29 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csc_array
 
 from .background_mesh import source_mesh
 from .bounded_distortion import remove_foldovers
 from .certificate import Certificate, certify
-from .continuity import check_continuity
+from .constrained import ActiveRows, optimize_under_rows, rows_summary
+from .continuity import ContinuityRows, c1_rows
+from .continuity_report import check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError
 from .feasibility import check_corners, check_loops, check_target_corners
 from .fitting import SMOOTH, FittedBoundary, fit_boundary
+from .gluing import control_rows
 from .harmonic import mesh_harmonic_map
 from .multipatch import Boundary, MultiPatch
+from .null_space import RowSpace, row_space
 from .optimize import Progress, SplineOptimizer, degenerate_corners, optimize_with_ladder
 from .outline import Outline
 from .quality import quality
@@ -33,7 +39,7 @@ from .registration import Registration, register
 from .result import TransferResult
 from .sliding import Slid, movable_joints, slide_joints
 from .splines import FloatArray, Patch
-from .topology import CORNERS
+from .topology import CORNERS, Spoke
 
 __all__ = ["TransferPlan", "transfer"]
 
@@ -47,7 +53,7 @@ def transfer(
     source: MultiPatch,
     target: Boundary,
     landmarks: ArrayLike | None = None,
-    continuity: str = "c0",
+    continuity: str = "c1",
     method: str = "certified",
     progress: Progress | None = None,
     *,
@@ -66,8 +72,10 @@ def transfer(
         Closed loops in any order, sense, start, segmentation and degree; as many as the source has.
     landmarks : (r, 4) array, optional
         Rows (xs, ys, xt, yt) of corresponding boundary points; see `register`.
-    continuity : {"c0"}, default "c0"
-        Continuity across patches. "c1" and "g1" are refused in this version.
+    continuity : {"c0", "c1", "g1"}, default "c1"
+        Continuity across patches: "c1" keeps C1 rows along interfaces, with the ratio of speeds that the C0 solution
+        has, and vertex rows at extraordinary vertices (paper Eq. 10-12); see ``docs/continuity.md``. "g1" is refused
+        in this version.
     method : {"certified", "paper"}, default "certified"
         "certified" optimises the spline itself and proves the result. "paper" follows Xu, Xiao, Xu, Gu, CMES
         137(2), 2023: uniform fit, harmonic map on a triangulated control net, fold-over removal by bounded
@@ -118,7 +126,7 @@ class TransferPlan:
     Parameters
     ----------
     source : MultiPatch
-    continuity : {"c0"}, default "c0"
+    continuity : {"c0", "c1", "g1"}, default "c1"
     reference : sequence of Patch, optional
         Maps that distortion is measured against, one a patch on the same knots; default the source's own patches.
 
@@ -128,11 +136,11 @@ class TransferPlan:
         On a source that cannot be transferred: folded (naming the patch), rational, disconnected.
     """
 
-    def __init__(self, source: MultiPatch, continuity: str = "c0", *, reference: Sequence[Patch] | None = None) -> None:
+    def __init__(self, source: MultiPatch, continuity: str = "c1", *, reference: Sequence[Patch] | None = None) -> None:
         if continuity not in CONTINUITY:
             raise InputError(f"continuity must be one of {', '.join(CONTINUITY)}, got {continuity!r}")
-        if continuity != "c0":
-            raise InputError(f'continuity "{continuity}" is not available in this version; use "c0"')
+        if continuity == "g1":
+            raise InputError('continuity "g1" is not available in this version; use "c1"')
         if source.is_rational:
             rational = [k for k, patch in enumerate(source.patches) if patch.weights is not None]
             raise InputError(
@@ -149,6 +157,7 @@ class TransferPlan:
                 "by one"
             )
         self._welded = source.with_shared_points(topology.coordinates)
+        self._control = () if continuity == "c0" else control_rows(topology)
         self._loops = self._welded.boundary().loops
         valence = {vertex.point: vertex.valence for vertex in topology.vertices}
         starts = [[int(side.points(topology.points[side.patch])[0]) for side in loop] for loop in topology.loops]
@@ -313,14 +322,14 @@ class TransferPlan:
                 for k, c in degenerate
             ]
             start = self._with_boundary(fitted)
+        rows: ActiveRows | None = None
         if failure is not None:
             # No interior can mend the boundary: show the harmonic map on it.
             points, log = self._optimizer(()).harmonic(start), [failure]
             certificate = self._certify(points, clock)
         elif method == "paper":
-            points, log, notes = self._paper(start, clock)
+            points, certificate, log, notes, rows = self._paper(start, clock)
             warnings += notes
-            certificate = self._certify(points, clock)
         else:
             slides = []
             if movable is not None and any(mask.any() for mask in movable):
@@ -334,8 +343,14 @@ class TransferPlan:
                         f"joints slid in {len(slid.energies) - 1} rounds: energy {slid.energies[0]:.4f} -> "
                         f"{slid.energies[-1]:.4f}"
                     ]
-            points, certificate, log = self._certified(start, degenerate, progress, clock)
+            points, certificate, log, rows = self._certified(start, degenerate, progress, clock)
             log = slides + log
+        if rows is not None:
+            warnings += rows.warnings(self.source)
+        elif self.continuity != "c0" and self.source.interfaces:
+            warnings.append(
+                f'patches are joined C0 only, not "{self.continuity}": there is no injective map to start from'
+            )
         with clock("quality"):
             multipatch = self.source.with_shared_points(points)
             metrics = quality(multipatch, exclude=degenerate)
@@ -346,6 +361,7 @@ class TransferPlan:
             certificate=certificate,
             quality=metrics,
             continuity=continuity,
+            rows=rows,
             boundary_error=fitted.error,
             registration=registration,
             fitted=fitted,
@@ -429,62 +445,99 @@ class TransferPlan:
 
     def _certified(
         self, start: FloatArray, degenerate: Sequence[tuple[int, int]], progress: Progress | None, clock: _Clock
-    ) -> tuple[FloatArray, Certificate, list[str]]:
-        """Spline harmonic map, then distortion optimisation until the certificate accepts the map."""
+    ) -> tuple[FloatArray, Certificate, list[str], ActiveRows | None]:
+        """Spline harmonic map, then distortion optimisation until the certificate accepts the map; then rows."""
         topology = self.source.topology
-
-        def make(nodes_per_degree: int = 2, extra_nodes: Sequence[tuple[int, float, float]] = ()) -> SplineOptimizer:
-            return self._optimizer(degenerate, nodes_per_degree, extra_nodes)
-
+        make, check = partial(self._optimizer, degenerate), partial(self._certify, clock=clock)
         with clock("optimisation"):
             found, certificate, log = optimize_with_ladder(
                 make,
                 start,
-                lambda points: self._certify(points, clock),
+                check,
                 source=topology.coordinates,
                 boundary=topology.boundary_points,
                 progress=progress,
             )
-        return found.points, certificate, log
+        points, rows = found.points, None
+        if self._control and certificate.injective:
+            with clock("continuity rows"):
+                points, certificate, under, rows = optimize_under_rows(
+                    topology, partial(self._rows, points), make, points, check, progress
+                )
+            log += under
+        return points, certificate, log, rows
+
+    def _rows(
+        self, reference: FloatArray, released: Collection[Spoke] = (), without: Collection[int] = ()
+    ) -> ContinuityRows:
+        """Continuity rows that follow the speeds and frames of a reference map."""
+        return c1_rows(self.source.topology, self._control, reference, released, without)
 
     def _optimizer(
         self,
         degenerate: Sequence[tuple[int, int]],
         nodes_per_degree: int = 2,
         extra_nodes: Sequence[tuple[int, float, float]] = (),
+        null_space: csc_array | None = None,
     ) -> SplineOptimizer:
         """Optimizer on the source; symbolic work is kept, one optimizer a thread because it owns its buffers."""
         excluded = sorted(set(degenerate) | set(self._degenerate))
         cache: dict[object, SplineOptimizer] = self._thread.__dict__.setdefault("optimizers", {})
         key = (nodes_per_degree, tuple(excluded))
-        if extra_nodes or key not in cache:
+        single_use = bool(extra_nodes) or null_space is not None
+        if single_use or key not in cache:
             optimizer = SplineOptimizer(
                 self.source.topology,
                 self.reference,
                 nodes_per_degree=nodes_per_degree,
                 extra_nodes=extra_nodes,
                 excluded_corners=excluded,
+                null_space=null_space,
             )
-            if extra_nodes:
+            if single_use:
                 return optimizer
             cache[key] = optimizer
         return cache[key]
 
-    def _paper(self, start: FloatArray, clock: _Clock) -> tuple[FloatArray, list[str], list[str]]:
+    def _paper(
+        self, start: FloatArray, clock: _Clock
+    ) -> tuple[FloatArray, Certificate, list[str], list[str], ActiveRows | None]:
         """Harmonic map on the triangulated control net, then bounded conformal distortion (paper §3.3)."""
         topology = self.source.topology
         with clock("background mesh"):
             mesh, notes = source_mesh(topology)
-        with clock("harmonic map"):
-            boundary = topology.boundary_points
-            points = mesh_harmonic_map(mesh, boundary, start[boundary])
-        with clock("bounded distortion"):
-            unfolded = remove_foldovers(mesh, points, boundary)
-        log = [
-            f"bounded distortion: {unfolded.flips[0]} flipped faces, {unfolded.flips[-1]} after "
-            f"{unfolded.iterations} iterations"
-        ]
-        return unfolded.points, log, list(notes)
+        boundary, interior = topology.boundary_points, topology.interior_points
+
+        def solve(space: RowSpace | None) -> tuple[FloatArray, Certificate, str]:
+            basis = None if space is None else space.basis
+            particular = None if space is None else space.project(start)[interior]
+            with clock("harmonic map"):
+                points = mesh_harmonic_map(mesh, boundary, start[boundary], basis, particular)
+            with clock("bounded distortion"):
+                unfolded = remove_foldovers(mesh, points, boundary, basis)
+            log = (
+                f"bounded distortion: {unfolded.flips[0]} flipped faces, {unfolded.flips[-1]} after "
+                f"{unfolded.iterations} iterations"
+            )
+            return unfolded.points, self._certify(unfolded.points, clock), log
+
+        points, certificate, entry = solve(None)
+        if not self._control:
+            return points, certificate, [entry], list(notes), None
+        log = [entry]
+        with clock("continuity rows"):
+            # The rows follow speeds and frames: where this map is folded, those of the source.
+            reference = points if certificate.injective else topology.coordinates
+            space = row_space(self._rows(reference), interior, start)
+            constrained, proof, entry = solve(space)
+        log.append(f"under {len(space.rows)} rows, {entry}")
+        if certificate.injective and not proof.injective:
+            log.append("the map under all rows is not injective: the one without rows is kept")
+            everything = frozenset(range(len(self.source.interfaces)))
+            space = row_space(self._rows(reference, (), everything), interior, start)
+        else:
+            points, certificate = constrained, proof
+        return points, certificate, log, list(notes), rows_summary(topology, space, points)
 
 
 class _Task:

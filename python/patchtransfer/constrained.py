@@ -1,0 +1,252 @@
+"""Optimisation under continuity rows: from the best map without them to one that satisfies them.
+
+The rows follow a reference map (its speeds and frames), so that one is found first. Rows that make a corner at the
+boundary collapse are released; where no certified map satisfies the rest, interfaces lose theirs, which the report
+says. A certified reference therefore never turns into an uncertified result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from .certificate import Certificate
+from .continuity import ContinuityRows
+from .multipatch import MultiPatch
+from .null_space import RowSpace, row_space
+from .optimize import Certify, Progress, SplineOptimizer, optimize_with_ladder, reporter
+from .splines import FloatArray
+from .topology import CORNERS, Spoke, Topology
+
+__all__ = ["ActiveRows", "MakeRows", "optimize_under_rows", "rows_summary"]
+
+#: A corner collapses when its scaled Jacobian falls below this fraction of the reference's.
+COLLAPSED = 0.8
+#: Newton steps after which corners are judged.
+FIRST_STEPS = 3
+#: Rounds of taking rows from interfaces.
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class ActiveRows:
+    """Which continuity rows a result satisfies, and how well.
+
+    Attributes
+    ----------
+    active : int
+        Number of rows that are satisfied.
+    residual : float
+        Their largest residual, relative to the diameter.
+    left_out : int
+        C1 rows that are left out: at extraordinary vertices, where vertex rows stand in for them, at the boundary,
+        where they were released, and on interfaces without rows.
+    released : tuple of (interface, (x, y))
+        Boundary vertices where the row j = 1 was left out as well, because a corner collapsed under it.
+    without : tuple of int
+        Interfaces that got no rows: no certified map was found with them, or the degree is below 2.
+    contradictory : tuple of (interface, vertex)
+        Rows that the boundary contradicts, or leaves no freedom for at a vertex of even valence; not active. Vertex
+        -1: not at a vertex.
+    """
+
+    active: int
+    residual: float
+    left_out: int
+    released: tuple[tuple[int, tuple[float, float]], ...] = ()
+    without: tuple[int, ...] = ()
+    contradictory: tuple[tuple[int, int], ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "active": self.active,
+            "residual": self.residual,
+            "left_out": self.left_out,
+            "released": [{"interface": i, "at": list(at)} for i, at in self.released],
+            "interfaces_without": list(self.without),
+            "contradictory": [{"interface": i, "vertex": v} for i, v in self.contradictory],
+        }
+
+    def warnings(self, mp: MultiPatch) -> list[str]:
+        """What a user should know: interfaces without rows, rows that contradict the boundary."""
+        found = []
+        if self.without:
+            found.append(
+                f"{len(self.without)} of {len(mp.interfaces)} interfaces are C0 only (no certified map keeps the rows "
+                f"there, or the degree is 1): {_names(mp, self.without)}"
+            )
+        if self.contradictory:
+            found.append(
+                f"{len(self.contradictory)} continuity rows are not kept, for the boundary contradicts them or leaves "
+                f"no freedom: {_names(mp, sorted({i for i, _ in self.contradictory}))}"
+            )
+        return found
+
+
+def _names(mp: MultiPatch, interfaces: Collection[int]) -> str:
+    names = [
+        f"patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
+        for f in (mp.interfaces[i] for i in interfaces)
+    ]
+    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+
+
+#: ``make_rows(released, without)`` gives the rows without those named.
+MakeRows = Callable[[Collection[Spoke], Collection[int]], ContinuityRows]
+
+
+def optimize_under_rows(
+    topology: Topology,
+    make_rows: MakeRows,
+    make: Callable[..., SplineOptimizer],
+    reference: FloatArray,
+    certify: Certify,
+    progress: Progress | None = None,
+) -> tuple[FloatArray, Certificate, list[str], ActiveRows]:
+    """Optimise under continuity rows, starting from a certified map without them.
+
+    Parameters
+    ----------
+    topology : Topology
+    make_rows : callable
+        ``make_rows(released, without)``, a `ContinuityRows`.
+    make : callable
+        ``make(null_space=..., nodes_per_degree=..., extra_nodes=...)`` gives an optimizer.
+    reference : (n_points, 2) array
+        The certified map, on the target boundary.
+    certify : callable
+        Shared control points to certificate.
+    progress : callable, optional
+
+    Returns
+    -------
+    points, certificate, log, ActiveRows
+        Certified in any case: with all rows, with fewer, or the reference with none.
+    """
+    log: list[str] = []
+    without = frozenset[int]()
+    released = frozenset[Spoke]()
+    for _ in range(ROUNDS):
+        problem, released = _release(topology, make_rows, make, reference, released, without, progress)
+        space = problem.space
+        found, certificate, tried = optimize_with_ladder(
+            problem.make,
+            problem.start,
+            certify,
+            source=topology.coordinates,
+            boundary=topology.boundary_points,
+            progress=None if progress is None else partial(_renamed, progress),
+            project=space.project,
+        )
+        log += [f"under {len(space.rows)} rows, {entry}" for entry in tried]
+        if certificate.injective:
+            return found.points, certificate, log, rows_summary(topology, space, found.points, released)
+        without |= _around(topology, certificate)
+        log.append(f"no certified map satisfies these rows: {len(without)} interfaces lose theirs")
+    everything = frozenset(range(len(topology.interfaces)))
+    space = row_space(make_rows((), everything), topology.interior_points, reference)
+    return reference, certify(reference), log, rows_summary(topology, space, reference)
+
+
+def _renamed(progress: Progress, stage: str, step: int, energy: float, least: float) -> None:
+    progress(f"under continuity rows: {stage}", step, energy, least)
+
+
+class _Problem:
+    """Optimisation under given rows; the plain optimizer is kept."""
+
+    def __init__(self, space: RowSpace, make: Callable[..., SplineOptimizer], near: FloatArray) -> None:
+        self.space = space
+        self._make = make
+        self.optimizer = make(null_space=space.basis)
+        self.start = space.project(near)
+        if self.optimizer.minimum_determinant(self.start) <= 0:
+            self.start = self.optimizer.harmonic(self.start)
+
+    def make(self, **options: Any) -> SplineOptimizer:
+        """As asked for by the ladder."""
+        return self._make(null_space=self.space.basis, **options) if options else self.optimizer
+
+
+def _release(
+    topology: Topology,
+    make_rows: MakeRows,
+    make: Callable[..., SplineOptimizer],
+    reference: FloatArray,
+    released: frozenset[Spoke],
+    without: Collection[int],
+    progress: Progress | None,
+) -> tuple[_Problem, frozenset[Spoke]]:
+    """The rows without those at corners that collapse in the first steps, and a start under them."""
+    near = reference
+    while True:
+        space = row_space(make_rows(released, without), topology.interior_points, reference)
+        problem = _Problem(space, make, near)
+        found = problem.optimizer.minimise(
+            problem.start, max_steps=FIRST_STEPS, progress=reporter(progress, "under continuity rows")
+        )
+        if found.min_determinant > 0:
+            problem.start = near = found.points
+        more = _collapsed(topology, reference, found.points) - released
+        if not more:
+            return problem, released
+        released |= more
+
+
+def _collapsed(topology: Topology, before: FloatArray, after: FloatArray) -> frozenset[Spoke]:
+    """Interface ends at boundary vertices where a corner of a patch collapsed."""
+    found: set[Spoke] = set()
+    for vertex in topology.vertices:
+        if vertex.interior or vertex.valence < 2:
+            continue
+        jacobians = [
+            np.array([_corner_jacobian(topology, points, *corner) for corner in vertex.corners])
+            for points in (before, after)
+        ]
+        if (jacobians[1] < COLLAPSED * jacobians[0]).any():
+            found.update(topology.spokes.get(vertex.point, ()))
+    return frozenset(found)
+
+
+def _corner_jacobian(topology: Topology, points: FloatArray, patch: int, corner: int) -> float:
+    """Scaled Jacobian at a patch corner: the sine of the angle between its sides."""
+    i, j = CORNERS[corner]
+    index = topology.points[patch]
+    u = points[index[1 if i == 0 else -2, j]] - points[index[i, j]]
+    v = points[index[i, 1 if j == 0 else -2]] - points[index[i, j]]
+    turn = 1 if (i == 0) == (j == 0) else -1
+    lengths = float(np.hypot(*u) * np.hypot(*v))
+    return float(topology.orientation[patch]) * turn * float(u[0] * v[1] - u[1] * v[0]) / lengths if lengths else 0.0
+
+
+def _around(topology: Topology, certificate: Certificate) -> frozenset[int]:
+    """Interfaces of the patches where the proof fails; all when it names none."""
+    patches = {cell.patch for cell in certificate.cells}
+    near = {i for i, f in enumerate(topology.interfaces) if patches & {f.patch_a, f.patch_b}}
+    return frozenset(near or range(len(topology.interfaces)))
+
+
+def rows_summary(
+    topology: Topology, space: RowSpace, points: FloatArray, released: Collection[Spoke] = ()
+) -> ActiveRows:
+    """What the rows of a space are and how well a map satisfies them."""
+    diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
+    ends = []
+    for spoke in sorted(released, key=lambda s: (s.interface, s.at_end)):
+        directed = topology.directed_interfaces[spoke.interface]
+        along = directed.points(topology.points[directed.patch])
+        x, y = points[along[-1 if spoke.at_end else 0]].tolist()
+        ends.append((spoke.interface, (x, y)))
+    return ActiveRows(
+        active=len(space.rows),
+        residual=space.residual(points) / diameter,
+        left_out=space.rows.left_out,
+        released=tuple(ends),
+        without=space.rows.without,
+        contradictory=tuple(sorted({*space.contradictory, *space.rows.blocked})),
+    )

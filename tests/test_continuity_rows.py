@@ -1,0 +1,364 @@
+"""C1 and vertex rows: they hold on smooth maps, their redundancy is known, and transfers keep them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+import models
+import patchtransfer as pt
+import targets
+from patchtransfer.constrained import optimize_under_rows
+from patchtransfer.continuity import ContinuityRows, c1_rows
+from patchtransfer.gluing import ControlRows, chord_ratios, control_rows
+from patchtransfer.null_space import row_space
+from patchtransfer.optimize import SplineOptimizer
+from patchtransfer.splines import collocation_matrix, knot_spans
+from strategies import deformations, layouts
+from test_continuity_report import bicubic, cut, turned
+
+MODELS = os.environ.get("PATCHTRANSFER_MODELS")
+needs_models = pytest.mark.skipif(not MODELS, reason="PATCHTRANSFER_MODELS is not set")
+
+
+def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+
+
+def rows_of(mp: pt.MultiPatch) -> ContinuityRows:
+    return c1_rows(mp.topology, control_rows(mp.topology), mp.topology.coordinates)
+
+
+def jiggled(mp: pt.MultiPatch, seed: int, size: float = 0.02) -> pt.MultiPatch:
+    """All interior points moved at random: no smoothness is left."""
+    points = mp.topology.coordinates.copy()
+    interior = mp.topology.interior_points
+    points[interior] += size * mp.diameter * np.random.default_rng(seed).uniform(-1, 1, (len(interior), 2))
+    return mp.with_shared_points(points)
+
+
+def kinks(r: ControlRows, points: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Angles between D_R and -D_L in degrees."""
+    left, right, _ = r.derivatives(
+        points, collocation_matrix(r.knots, r.degree, t), collocation_matrix(r.knots, r.degree, t, 1)
+    )
+    return np.degrees(np.arctan2(np.abs(cross(left, -right)), -(left * right).sum(axis=1)))
+
+
+@pytest.mark.parametrize("name", models.ALL)
+def test_spokes_run_counter_clockwise(name):
+    mp = models.ALL[name]()
+    x = mp.topology.coordinates
+    control = control_rows(mp.topology)
+    for vertex in mp.vertices:
+        spokes = mp.topology.spokes.get(vertex.point, ())
+        assert len(spokes) == (vertex.valence if vertex.interior else vertex.valence - 1)
+        ways = np.array([x[control[s.interface].curve[-2 if s.at_end else 1]] - x[vertex.point] for s in spokes])
+        if len(ways) > 1:
+            angle = np.unwrap(np.arctan2(*ways.T[::-1]))
+            assert (np.diff(angle) > 0).all()
+            assert angle[-1] - angle[0] < 2 * np.pi
+
+
+@pytest.mark.parametrize("name", models.ALL)
+def test_patch_a_is_on_the_left(name):
+    mp = models.ALL[name]()
+    for r in control_rows(mp.topology):
+        value, slope = (collocation_matrix(r.knots, r.degree, [0.3, 0.8], k) for k in (0, 1))
+        left, right, tangent = r.derivatives(mp.topology.coordinates, value, slope)
+        assert (cross(tangent, left) > 0).all()
+        assert (cross(tangent, right) < 0).all()
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    turns=st.tuples(*[st.integers(0, 15)] * 4),
+    u=st.sampled_from([0.25, 0.4, 0.5]),
+    v=st.floats(0.2, 0.8),
+)
+def test_rows_vanish_on_a_smooth_map_cut_in_four(seed, turns, u, v):
+    """Spans differ on the two sides, handedness and domains are mixed."""
+    quarters = [q for half in cut(bicubic(seed), 0, u) for q in cut(half, 1, v)]
+    mp = models.welded(pt.MultiPatch([turned(q, t) for q, t in zip(quarters, turns, strict=True)]))
+    rows = rows_of(mp)
+    # All but j = 0 at the four boundary ends.
+    assert len(rows) == sum(len(r.curve) for r in control_rows(mp.topology)) - 4
+    assert rows.left_out == 4
+    assert np.abs(rows.matrix @ mp.topology.coordinates).max() < 1e-12 * mp.diameter
+
+
+def exact_gluing(r: ControlRows, points: np.ndarray, end: int) -> tuple[np.ndarray, np.ndarray]:
+    """(a, b, c) and its derivative for a = det(D_R, C'), b = det(C', D_L), c = det(D_R, D_L): exact on any map."""
+    value, slope, bend = (x[None] for x in r.end_basis[end])
+    left, right, tangent = (x[0] for x in r.derivatives(points, value, slope))
+    left1, right1, tangent1 = (x[0] for x in r.derivatives(points, slope, bend))
+    data = np.array([cross(right, tangent), cross(tangent, left), cross(right, left)])
+    slopes = [
+        cross(right1, tangent) + cross(right, tangent1),
+        cross(tangent1, left) + cross(tangent, left1),
+        cross(right1, left) + cross(right, left1),
+    ]
+    return data, np.array(slopes)
+
+
+@given(name=st.sampled_from(sorted(models.ALL)), seed=st.integers(0, 10**6))
+@settings(max_examples=25)
+def test_vertex_rows_vanish_with_the_gluing_data_of_any_map(name, seed):
+    mp = jiggled(models.ALL[name](), seed)
+    x = mp.topology.coordinates
+    for r in control_rows(mp.topology):
+        for end in (0, 1):
+            value, slope, bend = (v[None] for v in r.end_basis[end])
+            data, slopes = exact_gluing(r, x, end)
+            zeroth = r.functional(data[None], value, slope)
+            first = r.functional(slopes[None], value, slope) + r.functional(data[None], slope, bend)
+            for row in (zeroth, first):
+                assert np.abs(row @ x[r.columns]).max() < 1e-12 * np.abs(row).sum() * np.abs(x).max()
+            given_data = r.end_gluing(x)[end]
+            np.testing.assert_allclose(given_data, 2 * data / (data[0] + data[1]), rtol=1e-9, atol=1e-12)
+
+
+def test_first_order_row_in_control_points():
+    """The closed form with E_j, F_j and the two knot differences of C''."""
+    mp = jiggled(models.star(5, 3, 3), 3)
+    x = mp.topology.coordinates
+    rng = np.random.default_rng(0)
+    for r in control_rows(mp.topology):
+        (a, b, c), (a1, b1, c1) = rng.uniform(0.5, 2, (2, 3))
+        value, slope, bend = (v[None] for v in r.end_basis[0])
+        first = r.functional(np.array([[a1, b1, c1]]), value, slope) + r.functional(np.array([[a, b, c]]), slope, bend)
+        e, f = r.left_scale * (x[r.left] - x[r.curve]), r.right_scale * (x[r.right] - x[r.curve])
+        s, t, p, h = x[r.curve], r.knots, r.degree, r.breaks[1]
+        closed = a * p / h * (e[1] - e[0]) + a1 * e[0] + b * p / h * (f[1] - f[0]) + b1 * f[0]
+        closed -= c * p * (p - 1) / h * ((s[2] - s[1]) / (t[p + 2] - t[2]) - (s[1] - s[0]) / h)
+        closed -= c1 * p / h * (s[1] - s[0])
+        np.testing.assert_allclose((first @ x[r.columns])[0], closed, atol=1e-9 * np.abs(closed).max())
+
+
+def test_the_papers_row_is_a_special_case():
+    """Eq. 12: Bezier, a' = b' = 0, and c' = -2 c(0), as on an edge between two vertices with equal data."""
+    mp = jiggled(models.star(3, 4, 1), 1)
+    x = mp.topology.coordinates
+    r = control_rows(mp.topology)[0]
+    n, (a, b, c) = r.degree, (0.7, 1.3, 0.9)
+    value, slope, bend = (v[None] for v in r.end_basis[0])
+    first = r.functional(np.array([[0, 0, -2 * c]]), value, slope) + r.functional(np.array([[a, b, c]]), slope, bend)
+    alpha, beta = a / c, b / c
+    s, left, right = x[r.curve], x[r.left], x[r.right]
+    paper = n * alpha * left[1] + n * beta * right[1] + n * (1 - alpha - beta) * s[1] - (n - 1) * s[2] - s[0]
+    # Theirs uses the tangent row once: (s_1 - s_0) = alpha (L_0 - s_0) + beta (R_0 - s_0).
+    tangent = alpha * (left[0] - s[0]) + beta * (right[0] - s[0]) - (s[1] - s[0])
+    ours = (first @ x[r.columns])[0] / (c * n)
+    np.testing.assert_allclose(ours + n * tangent, paper, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", models.ALL)
+def test_chord_ratios_agree_across_regular_vertices(name):
+    mp = models.ALL[name]()
+    t = mp.topology
+    ratios = chord_ratios(t, control_rows(t), t.coordinates)
+    for chord in t.directed_chords:
+        oriented = [ratios[i] if forward else 1 / ratios[i] for i, forward in chord]
+        np.testing.assert_allclose(oriented, oriented[0], rtol=1e-12)
+    for f, ratio in zip(pt.check_continuity(mp).interfaces, ratios, strict=True):
+        assert f.speed_ratio == pytest.approx(ratio, rel=0.02)
+
+
+def check_row_space(mp: pt.MultiPatch, complete: bool) -> None:
+    """The basis against dense linear algebra, and redundancy against the count that theory gives."""
+    t = mp.topology
+    rows = rows_of(mp)
+    space = row_space(rows, t.interior_points, t.coordinates)
+    assert space.contradictory == ()
+    dense = space.rows.matrix.toarray()[:, t.interior_points]
+    sigma = np.linalg.svd(dense, compute_uv=False) if dense.size else np.zeros(0)
+    rank = int((sigma > 1e-9).sum())
+    assert space.basis.shape == (len(t.interior_points), len(t.interior_points) - rank)
+    assert space.redundant == len(space.rows) - rank
+    regular = sum(v.interior and v.valence == 4 for v in t.vertices)
+    extraordinary = sum(v.extraordinary for v in t.vertices)
+    if complete:
+        assert space.redundant == 3 * regular + 2 * extraordinary
+    assert np.abs(dense @ space.basis.toarray()).max(initial=0.0) < 1e-13
+    values = np.linalg.svd(space.basis.toarray(), compute_uv=False)
+    assert values[0] < 3 * values[-1]
+    there = space.project(t.coordinates)
+    assert space.residual(there) < 1e-12 * mp.diameter
+    assert np.array_equal(there[t.boundary_points], t.coordinates[t.boundary_points])
+    np.testing.assert_allclose(space.project(there), there, atol=1e-12 * mp.diameter)
+
+
+@pytest.mark.parametrize("name", models.ALL)
+def test_row_space_of_the_models(name):
+    check_row_space(models.ALL[name](), complete=True)
+
+
+@given(layout=layouts(), degree=st.integers(2, 3), spans=st.integers(2, 3), seed=st.integers(0, 10**6))
+@settings(max_examples=20, deadline=None)
+def test_row_space_of_random_layouts(layout, degree, spans, seed):
+    mp = layout.multipatch(degree, spans)
+    assume(len(mp.interfaces) > 0)
+    check_row_space(jiggled(mp, seed, 0.003), complete=True)
+
+
+@pytest.mark.parametrize(("valence", "degree"), [(3, 2), (5, 2), (7, 2), (3, 3), (5, 3), (6, 3), (8, 3)])
+def test_row_space_of_single_spans(valence, degree):
+    check_row_space(models.star(valence, degree, 1), complete=True)
+
+
+@needs_models
+@pytest.mark.parametrize("name", ["yeti", "turtle", "disc"])
+def test_row_space_of_real_models(name):
+    check_row_space(pt.read(Path(MODELS) / f"{name}.xml"), complete=True)
+
+
+def active_spans_are_smooth(result: pt.TransferResult, rows: ContinuityRows) -> int:
+    """Kinks vanish on every knot span whose C1 rows are all active; returns the number of these spans."""
+    x, found = result.multipatch.topology.coordinates, 0
+    slaves = {(int(i), int(s)) for i, s in zip(rows.interface, rows.slave, strict=True) if s >= 0}
+    for index, r in enumerate(control_rows(result.multipatch.topology)):
+        kept = np.array([(index, int(s)) in slaves for s in r.curve])
+        for low, high in zip(r.breaks[:-1], r.breaks[1:], strict=True):
+            first = int(np.searchsorted(r.knots, low, side="right")) - r.degree - 1
+            if kept[first : first + r.degree + 1].all():
+                found += 1
+                t = np.linspace(low, high, 7)[1:-1]
+                assert kinks(r, x, t).max() < 1e-6
+    return found
+
+
+def keeps_its_rows(mp: pt.MultiPatch, target: pt.Boundary, landmarks: np.ndarray, **options) -> pt.TransferResult:
+    before = pt.transfer(mp, target, landmarks, "c0", on_failure="return", **options)
+    result = pt.transfer(mp, target, landmarks, on_failure="return", **options)
+    assert result.certificate.injective or not before.certificate.injective
+    if before.certificate.injective:
+        assert result.rows is not None
+        assert result.rows.residual <= 1e-10
+        assert result.continuity.c0_gap == 0
+        assert result.quality.scaled_jacobian.mean >= before.quality.scaled_jacobian.mean - 0.02
+    return result
+
+
+@pytest.mark.parametrize("name", models.ALL)
+def test_transfers_keep_the_rows(name):
+    mp = models.ALL[name]()
+    target, landmarks = targets.deformed(mp, targets.bend(mp, 40), seed=len(name))
+    result = keeps_its_rows(mp, target, landmarks)
+    assert result.certificate.status == "certified"
+    assert result.rows.without == ()
+    assert result.rows.contradictory == ()
+    t = mp.topology
+    ends = {(i, at) for i, at in result.rows.released}
+    control = control_rows(t)
+    x = result.multipatch.topology.coordinates
+    spokes = [
+        s
+        for around in t.spokes.values()
+        for s in around
+        if (s.interface, tuple(x[control[s.interface].curve[-1 if s.at_end else 0]])) in ends
+    ]
+    rows = c1_rows(t, control, t.coordinates, spokes)
+    assert len(rows) == result.rows.active
+    assert active_spans_are_smooth(result, rows) >= (len(mp.interfaces) if name == "grid p2" else 0)
+
+
+@given(data=st.data(), degree=st.integers(2, 3))
+@settings(max_examples=12, deadline=None)
+def test_rows_never_cost_the_certificate(data, degree):
+    mp = data.draw(layouts(jitter=0.15)).multipatch(degree, 2)
+    assume(pt.certify(mp).injective)
+    target, landmarks = targets.deformed(mp, data.draw(deformations(mp)))
+    try:
+        keeps_its_rows(mp, target, landmarks)
+    except pt.InfeasibleTargetError:
+        assume(False)
+
+
+def test_paper_method_keeps_rows_too():
+    mp = models.o_grid(3, 3)
+    target, landmarks = targets.deformed(mp, targets.bend(mp, 30))
+    result = keeps_its_rows(mp, target, landmarks, method="paper")
+    assert result.rows.active == len(rows_of(mp))
+    assert any(entry.startswith("under") for entry in result.log)
+
+
+def test_degree_one_has_no_rows_and_says_so():
+    mp = models.grid(2, 2, 1, 2)
+    result = pt.transfer(mp, mp.boundary())
+    assert result.rows.active == 0
+    assert result.rows.without == (0, 1, 2, 3)
+    assert any("4 of 4 interfaces are C0 only" in w and "patch 0" in w for w in result.warnings)
+
+
+def test_rows_without_freedom_are_named():
+    """Even valence, Bezier, degree 2: s_2 lies on the boundary and the twists alone cannot satisfy the rows."""
+    mp = models.star(6, 2, 1)
+    target, landmarks = targets.deformed(mp, targets.bend(mp, 30))
+    result = keeps_its_rows(mp, target, landmarks)
+    assert len(result.rows.contradictory) == 6
+    assert any("6 continuity rows are not kept" in w for w in result.warnings)
+    assert result.to_dict()["continuity"]["rows"]["contradictory"][0].keys() == {"interface", "vertex"}
+
+
+def test_rows_that_the_boundary_contradicts_are_dropped():
+    mp = models.grid(2, 1, 2, 2)
+    t = mp.topology
+    rows = rows_of(mp)
+    a, b = t.boundary_points[:2]
+    matrix = rows.matrix.tolil()
+    matrix[0] = 0
+    matrix[0, [a, b]] = [1.0, -1.0]
+    broken = ContinuityRows(
+        matrix.tocsr(), np.array([-1, *rows.slave[1:]]), rows.interface, rows.vertex, rows.order, rows.left_out, ()
+    )
+    space = row_space(broken, t.interior_points, t.coordinates)
+    assert space.contradictory == ((0, -1),)
+    assert len(space.rows) == len(rows) - 1
+    assert space.residual(space.project(t.coordinates)) < 1e-12
+
+
+def test_impossible_rows_are_taken_back_and_reported():
+    """Rows that fold the map: the certified map without them comes back, and all interfaces are named."""
+    mp = models.grid(2, 1, 2, 3)
+    t, control = mp.topology, control_rows(mp.topology)
+    true = c1_rows(t, control, t.coordinates)
+
+    def crossed(released, without):
+        rows = c1_rows(t, control, t.coordinates, released, without)
+        if not without:
+            # s = 3 L - 2 R lies beyond L.
+            for k, slave in enumerate(rows.slave):
+                span = slice(*rows.matrix.indptr[k : k + 2])
+                rows.matrix.data[span][rows.matrix.indices[span] != slave] = [3.0, -2.0]
+        return rows
+
+    points, certificate, log, active = optimize_under_rows(
+        t,
+        crossed,
+        lambda null_space=None, **options: SplineOptimizer(t, null_space=null_space, **options),
+        t.coordinates,
+        lambda x: pt.certify(mp.with_shared_points(x)),
+    )
+    assert len(true) > 0
+    assert certificate.injective
+    assert active.without == (0,)
+    assert active.active == 0
+    assert any("lose theirs" in entry for entry in log)
+    assert active.warnings(mp)[0].startswith("1 of 1 interfaces are C0 only")
+    np.testing.assert_allclose(points[t.boundary_points], t.coordinates[t.boundary_points])
+
+
+@needs_models
+@pytest.mark.parametrize(("name", "before", "after"), [("yeti", 23.0, 11.5), ("turtle", 28.0, 21.0)])
+def test_kinks_of_real_models_fall(name, before, after):
+    mp = pt.read(Path(MODELS) / f"{name}.xml")
+    target, landmarks = targets.deformed(mp, targets.bend(mp, 60))
+    assert pt.transfer(mp, target, landmarks, "c0").continuity.kink_deg.mean > before
+    result = keeps_its_rows(mp, target, landmarks)
+    assert result.continuity.kink_deg.mean < after
+    assert len(knot_spans(mp.patches[0].knots[0])) <= 3
