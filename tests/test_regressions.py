@@ -10,6 +10,7 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -169,3 +170,13 @@ def test_interrupt_while_the_core_runs(tmp_path):
     assert process.returncode == 130, errors
     assert b"interrupted; nothing was written" in errors
     assert not (tmp_path / "out.xml").exists()
+
+
+@pytest.mark.skipif("PATCHTRANSFER_MODELS" not in os.environ, reason="needs the real models")
+def test_fit_does_not_loop():
+    """The closest fit to a target with a fold in it had loops of its own."""
+    mp = pt.read(Path(os.environ["PATCHTRANSFER_MODELS"]) / "disc.xml")
+    target, landmarks = targets.deformed(mp, targets.articulation(mp, 25), seed=1)
+    result = pt.transfer(mp, target, landmarks)
+    assert result.certificate.injective
+    assert result.boundary_error < 0.02

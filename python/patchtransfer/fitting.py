@@ -42,6 +42,8 @@ LEVEL_ABOVE = 0.4
 LEVELLING, PATIENCE = 40, 10
 #: What counts as an improvement of the error, before levelling and during it.
 IMPROVEMENT = (0.1, 0.01)
+#: Backing up costs this many times what an error of the same length costs.
+BACKING_UP = 100.0
 #: A tangent turns by at most this angle in one step, and gets no shorter than this part of the source's (to scale).
 MAX_TURN, SHORTEST_LEG = 0.1, 0.2
 #: At a corner a leg may stray from the target's tangent by this angle before it is put on it.
@@ -239,6 +241,11 @@ class _Group:
         offset -= (offset * self.tangent).sum(axis=2)[..., None] * self.tangent
         return np.asarray(np.linalg.norm(offset, axis=2).max(axis=1))
 
+    def backwards(self) -> float:
+        """Longest way (summed over samples) that a curve backs up against the target; then it has loops or cusps."""
+        steps = (np.diff(self.basis @ self.control, axis=1) * (self.tangent[:, 1:] + self.tangent[:, :-1])).sum(axis=2)
+        return float(np.clip(-steps / 2, 0, None).sum(axis=1).max())
+
     def slide(self) -> None:
         """Move the inner samples along the target towards the feet of the perpendiculars from the curve."""
         move = ((self.basis @ self.control - self.target) * self.tangent).sum(axis=2)
@@ -376,6 +383,8 @@ def _iterate(groups: list[_Group], joints: list[_Joint], level_above: float) -> 
         worst = max(float(group.error.max()) for group in groups)
         # Tangents are shared, so the best is one of all sides together: the largest error, then the others.
         score = worst + 0.1 * float(np.mean(np.concatenate([group.error for group in groups])))
+        # Loops are worse than any error: they rule out an injective map.
+        score += BACKING_UP * max(group.backwards() for group in groups)
         if score < (1 - IMPROVEMENT[levelling]) * best:
             best_step = step
         if score < best:
