@@ -160,9 +160,13 @@ def test_interrupt_while_the_core_runs(tmp_path):
     target, _ = targets.deformed(mp, targets.bend(mp, 60))
     pt.write(mp, tmp_path / "s.xml")
     pt.write(target, tmp_path / "t.xml")
-    command = [sys.executable, "-m", "patchtransfer.cli", "transfer", "s.xml", "t.xml", "-o", "out.xml"]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, env=os.environ) as process:
-        time.sleep(3.0)
+    # Imports may take long on a loaded machine, and are not what is interrupted here.
+    code = "import patchtransfer.transfer, patchtransfer.cli as c; print('ready', flush=True); c.main()"
+    command = [sys.executable, "-c", code, "transfer", "s.xml", "t.xml", "-o", "out.xml"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, cwd=tmp_path, env=os.environ, **pipes) as process:
+        assert process.stdout.readline() == b"ready\n"
+        time.sleep(2.0)
         if process.poll() is not None:
             pytest.skip("finished before it could be interrupted")
         process.send_signal(signal.SIGINT)
