@@ -13,6 +13,7 @@ import argparse
 import collections
 import json
 import os
+import re
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
@@ -245,7 +246,7 @@ def run(case: int, continuity: str, feasible: bool) -> Outcome | None:
         return Outcome(*blank, type(error).__name__, "", 0.0, 0.0, 0.0, str(error))
     quality, log = result.quality.scaled_jacobian, result.log
     message = "" if result.certificate.injective else (log[-1] if result.fit_failed else result.certificate.reasons[0])
-    rung = "fit" if result.fit_failed else log[-1].split(":")[0]
+    rung = "fit" if result.fit_failed else re.sub(r"under \d+ rows", "under rows", log[-1].split(":")[0])
     status = "fit failed" if result.fit_failed else result.certificate.status
     return Outcome(*blank, status, rung, quality.min, quality.mean, result.boundary_error, message)
 

@@ -1,6 +1,9 @@
 //! Conversions between NumPy arrays and the core's plain types.
 
-use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
+use numpy::ndarray::Array2;
+use numpy::{
+    IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
+};
 use patchtransfer_core::spline::{SplineCurve, SplinePatch};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -11,6 +14,12 @@ pub fn points2(array: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; 2]>> {
         return Err(PyValueError::new_err(format!("expected shape (n, 2), got {:?}", array.shape())));
     }
     Ok(array.as_array().rows().into_iter().map(|r| [r[0], r[1]]).collect())
+}
+
+/// Rows of `N` numbers as an array.
+pub fn rows<'py, const N: usize>(py: Python<'py>, values: &[[f64; N]]) -> Bound<'py, PyArray2<f64>> {
+    let flat = values.as_flattened().to_vec();
+    Array2::from_shape_vec((values.len(), N), flat).expect("sizes agree").into_pyarray(py)
 }
 
 /// `(knots_u, knots_v, p, q, control_points, weights)` as handed over from Python.

@@ -6,6 +6,7 @@ mod certificate;
 mod convert;
 mod mesh;
 mod optimizer;
+mod outline;
 mod spline;
 mod threads;
 
@@ -14,6 +15,7 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(threads::set_threads, m)?)?;
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     optimizer::register(m)?;
+    outline::register(m)?;
     certificate::register(m)?;
     mesh::register(m)?;
     spline::register(m)?;
