@@ -6,6 +6,7 @@ mod arcs;
 mod assembly;
 pub mod barrier;
 pub mod bernstein;
+pub mod boundary_fit;
 pub mod elements;
 pub mod injectivity;
 pub mod laplacian;

@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+mod boundary_fit;
 mod certificate;
 mod convert;
 mod mesh;
@@ -14,6 +15,7 @@ mod threads;
 fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(threads::set_threads, m)?)?;
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    boundary_fit::register(m)?;
     optimizer::register(m)?;
     outline::register(m)?;
     certificate::register(m)?;
