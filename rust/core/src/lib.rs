@@ -7,6 +7,7 @@ mod assembly;
 pub mod barrier;
 pub mod bernstein;
 pub mod elements;
+pub mod galerkin;
 pub mod injectivity;
 pub mod laplacian;
 pub mod local_global;

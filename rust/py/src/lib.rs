@@ -4,6 +4,7 @@ use pyo3::prelude::*;
 
 mod certificate;
 mod convert;
+mod galerkin;
 mod mesh;
 mod optimizer;
 mod spline;
@@ -15,6 +16,7 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     optimizer::register(m)?;
     certificate::register(m)?;
+    galerkin::register(m)?;
     mesh::register(m)?;
     spline::register(m)?;
     Ok(())
