@@ -3,7 +3,7 @@
 from .norms import ErrorNorms, error_norms
 from .poisson import LinearSystem, PoissonResult, PoissonSolver, poisson
 from .projection import l2_projection
-from .space import Field, SplineSpace
+from .space import Field, SplineSpace, Univariate
 
 __all__ = [
     "ErrorNorms",
@@ -12,6 +12,7 @@ __all__ = [
     "PoissonResult",
     "PoissonSolver",
     "SplineSpace",
+    "Univariate",
     "error_norms",
     "l2_projection",
     "poisson",

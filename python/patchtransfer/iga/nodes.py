@@ -142,7 +142,7 @@ class GeometryAt:
 
     @cached_property
     def determinant(self) -> FloatArray:
-        """det J, positive where the patch is not folded, whichever way it is handed; `InputError` where it is."""
+        """Determinant of J, positive on patches of either orientation; `InputError` where they are folded."""
         (a, b), (c, d) = self.jacobian
         det = self.orientation * (a * d - b * c)
         smallest = det.min()
@@ -153,7 +153,7 @@ class GeometryAt:
                 f"patch {self.index} is folded or singular at (u, v) = ({u:.6g}, {v:.6g}): det J = {smallest:.3g}; "
                 "solve on an injective model only (`patchtransfer check` says where it fails)"
             )
-        return det
+        return np.asarray(det)
 
     @cached_property
     def inverse(self) -> FloatArray:
@@ -248,8 +248,10 @@ class SideNodes:
 def sampled(f: ScalarFunction, x: FloatArray, what: str, place: str) -> FloatArray:
     """Values of a callable at points x (2, ...); `InputError` that names what and where if it fails there."""
     try:
-        raw = f(x[0], x[1])
-        values = np.asarray(raw, dtype=np.float64)
+        raw = np.asarray(f(x[0], x[1]))
+        if np.iscomplexobj(raw):
+            raise TypeError("complex numbers")
+        values = raw.astype(np.float64)
     except InputError:
         raise
     except Exception as error:

@@ -44,7 +44,7 @@ def sine_load(x: FloatArray, y: FloatArray) -> FloatArray:
 def stiffness(at: GeometryAt) -> FloatArray:
     """Coefficients of ∫ ∇φ·∇ψ dx = ∫ Σ_kl G_kl ∂_k φ ∂_l ψ, G = |det J| J⁻¹J⁻ᵀ: G_uu, G_uv, G_vv at the nodes."""
     (ux, uy), (vx, vy) = at.inverse
-    return at.dx * np.stack([ux * ux + uy * uy, ux * vx + uy * vy, vx * vx + vy * vy])
+    return np.asarray(at.dx * np.stack([ux * ux + uy * uy, ux * vx + uy * vy, vx * vx + vy * vy]))
 
 
 @dataclass(frozen=True)

@@ -61,17 +61,20 @@ class Univariate:
         while left:
             widths = lengths / parts
             longest = np.flatnonzero(widths > widths.max() - tolerance)
-            # Spans at one distance from the middle are divided together.
+            # Spans at one distance from the middle are divided together, the one in the middle where the number is odd.
             groups = [longest[np.abs(offset[longest] - d) < tolerance] for d in np.sort(offset[longest])]
-            group = next((g for g in groups if len(g) <= left), None)
-            if group is None:
-                centre = np.flatnonzero(np.abs(breaks[1:-1] - middle) < tolerance)
-                if left > 1 or len(centre) == 0 or inner[centre[0]] == degree:
-                    return None
-                inner[centre[0]] += 1
-                break
-            parts[group] += 1
-            left -= len(group)
+            fitting = sorted((g for g in groups if len(g) <= left), key=lambda g: (len(g) - left) % 2)
+            central = np.flatnonzero(offset < tolerance)
+            halfway = np.flatnonzero(np.abs(breaks[1:-1] - middle) < tolerance)
+            if fitting or len(central):
+                group = fitting[0] if fitting else central
+                parts[group] += 1
+                left -= len(group)
+            elif len(halfway) and inner[halfway[0]] < degree:
+                inner[halfway[0]] += 1
+                left -= 1
+            else:
+                return None
         pieces = [np.repeat(breaks[0], degree + 1)]
         for k, count in enumerate(parts):
             pieces.append(np.linspace(breaks[k], breaks[k + 1], count + 1)[1:-1])
@@ -127,8 +130,8 @@ class SplineSpace:
     Without any option the space is the geometry's own, knots included. With a degree alone it keeps the geometry's
     number of knot spans, made uniform.
 
-    A smooth function of the plane is only as smooth in the parameters as the geometry. At the geometry's knots the field
-    therefore needs knots too, with the geometry's smoothness: on the bundled examples, 4th degree and 12 points, this
+    A smooth function of the plane is only as smooth in the parameters as the geometry. The field therefore needs knots
+    where the geometry has them, with the geometry's smoothness: on the bundled examples, 4th degree and 12 points, this
     makes the largest error 4 to 25 times smaller than the paper's uniform knots do.
     """
 
@@ -202,7 +205,7 @@ class SplineSpace:
     @cached_property
     def interior(self) -> IntArray:
         """Sorted unknowns that vanish on the boundary."""
-        return np.setdiff1d(np.arange(self.size), self.boundary)
+        return np.asarray(np.setdiff1d(np.arange(self.size), self.boundary), dtype=np.int64)
 
     def fits(self, mp: MultiPatch) -> bool:
         """Whether a model has this space's interfaces and parameter domains."""
@@ -216,7 +219,7 @@ class SplineSpace:
         """Sum arrays (n_u, n_v) of the patches into one of all unknowns."""
         numbers = np.concatenate([p.ravel() for p in self.points])
         values = np.concatenate([x.ravel() for x in local])
-        return np.bincount(numbers, values, minlength=self.size)
+        return np.asarray(np.bincount(numbers, values, minlength=self.size), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -126,11 +126,10 @@ class DefiniteSystem:
             except RuntimeError as error:
                 raise InputError(f"the system cannot be solved: {error} (is the geometry nearly singular?)") from None
             x[self.free] = self._factor.solve(rhs)
-        gap = np.abs((product(x) - load)[self.free]).max(initial=0.0)
-        scale = max(
-            float((np.abs(diagonal) * np.abs(x))[self.free].max(initial=0.0)), float(np.abs(rhs).max(initial=0.0))
-        )
-        return x, float(gap / scale) if scale > 0 else 0.0
+        gap = float(np.abs((product(x) - load)[self.free]).max(initial=0.0))
+        terms = np.concatenate([np.abs(diagonal * x)[self.free], np.abs(rhs)])
+        scale = float(terms.max(initial=0.0))
+        return x, gap / scale if scale > 0 else 0.0
 
 
 def boundary_fit(space: SplineSpace, mp: MultiPatch, sides: list[SideNodes], g: ScalarFunction) -> FloatArray:
