@@ -75,12 +75,17 @@ class Univariate:
                 left -= 1
             else:
                 return None
-        pieces = [np.repeat(breaks[0], degree + 1)]
-        for k, count in enumerate(parts):
-            pieces.append(np.linspace(breaks[k], breaks[k + 1], count + 1)[1:-1])
-            last = k + 1 == len(parts)
-            pieces.append(np.repeat(breaks[k + 1], degree + 1 if last else inner[k]))
-        return cls(np.concatenate(pieces), degree)
+        return cls(_knots(breaks, inner, parts, degree, 1), degree)
+
+    @classmethod
+    def divided(
+        cls, knots: FloatArray, geometry_degree: int, degree: int, divisions: int, smoothness: int
+    ) -> Univariate:
+        """Knots that keep the geometry's, as smooth as it is there, its spans divided into equal parts."""
+        breaks, multiplicity = np.unique(knots, return_counts=True)
+        inner = degree - np.minimum(geometry_degree - multiplicity[1:-1], smoothness)
+        parts = np.full(len(breaks) - 1, divisions)
+        return cls(_knots(breaks, inner, parts, degree, degree - smoothness), degree)
 
     @classmethod
     def uniform(cls, domain: tuple[float, float], degree: int, spans: int, smoothness: int) -> Univariate:
@@ -88,6 +93,16 @@ class Univariate:
         breaks = np.linspace(*domain, spans + 1)
         ends = [degree + 1]
         return cls(np.repeat(breaks, ends + [degree - smoothness] * (spans - 1) + ends), degree)
+
+
+def _knots(breaks: FloatArray, inner: IntArray, parts: IntArray, degree: int, multiplicity: int) -> FloatArray:
+    """Clamped knots: `breaks` with the multiplicities `inner`, the spans between them in `parts` equal parts."""
+    pieces = [np.repeat(breaks[0], degree + 1)]
+    for k, count in enumerate(parts):
+        pieces.append(np.repeat(np.linspace(breaks[k], breaks[k + 1], count + 1)[1:-1], multiplicity))
+        last = k + 1 == len(parts)
+        pieces.append(np.repeat(breaks[k + 1], degree + 1 if last else inner[k]))
+    return np.concatenate(pieces)
 
 
 class SplineSpace:
@@ -104,8 +119,8 @@ class SplineSpace:
         Default: the geometry's, direction by direction.
     points : int, optional
         Basis functions per patch and direction, at least ``degree + 1``.
-    spans : int, optional
-        Instead of `points`: uniform knot spans per patch and direction.
+    divisions : int, optional
+        Instead of `points`: parts that every knot span of the geometry is divided into; default 1.
     smoothness : int, optional
         Continuous derivatives at the knots inside, 0 to ``degree - 1`` (the default).
     knots : {"auto", "uniform"}, default "auto"
@@ -127,8 +142,8 @@ class SplineSpace:
 
     Notes
     -----
-    Without any option the space is the geometry's own, knots included. With a degree alone it keeps the geometry's
-    number of knot spans, made uniform.
+    Without any option the space is the geometry's own. Without `points` the geometry's knots are kept, as smooth as the
+    geometry there but not smoother than `smoothness`.
 
     A smooth function of the plane is only as smooth in the parameters as the geometry. The field therefore needs knots
     where the geometry has them, with the geometry's smoothness: on the bundled examples, 4th degree and 12 points, this
@@ -141,7 +156,7 @@ class SplineSpace:
         degree: int | None = None,
         points: int | None = None,
         *,
-        spans: int | None = None,
+        divisions: int | None = None,
         smoothness: int | None = None,
         knots: str = "auto",
     ) -> None:
@@ -149,11 +164,11 @@ class SplineSpace:
             raise InputError(f"degree {degree} of the field is not supported, it must be at least 1")
         if knots not in ("auto", "uniform"):
             raise InputError(f'knots = {knots!r} is not known, use "auto" or "uniform"')
-        if points is not None and spans is not None:
-            raise InputError("give the number of points or of spans, not both")
-        if spans is not None and spans < 1:
-            raise InputError(f"spans = {spans}: at least one knot span per patch and direction is needed")
-        own = degree is None and points is None and spans is None and smoothness is None
+        if points is not None and divisions is not None:
+            raise InputError("give the number of points or of divisions, not both")
+        if divisions is not None and divisions < 1:
+            raise InputError(f"divisions = {divisions}: a knot span has at least one part")
+        own = degree is None and points is None and divisions is None and smoothness is None
 
         def direction(given: FloatArray, geometry_degree: int) -> Univariate:
             if own:
@@ -162,19 +177,18 @@ class SplineSpace:
             r = p - 1 if smoothness is None else smoothness
             if not 0 <= r < p:
                 raise InputError(f"smoothness {r} is not possible with degree {p}, it must be 0 to {p - 1}")
-            count = len(knot_spans(given)) - 1 if spans is None else spans
-            if points is not None:
-                count, rest = divmod(points - p - 1, p - r)
-                count += 1
-                if points < p + 1 or rest:
-                    raise InputError(
-                        f"points = {points}: degree {p} with smoothness {r} needs {p + 1} points per patch and "
-                        f"direction, or {p - r} more for every further knot span"
-                    )
-                nested = Univariate.nested(given, geometry_degree, p, points)
-                if knots == "auto" and r == p - 1 and nested is not None:
-                    return nested
-            return Univariate.uniform((float(given[0]), float(given[-1])), p, count, r)
+            if points is None:
+                return Univariate.divided(given, geometry_degree, p, 1 if divisions is None else divisions, r)
+            count, rest = divmod(points - p - 1, p - r)
+            if points < p + 1 or rest:
+                raise InputError(
+                    f"points = {points}: degree {p} with smoothness {r} needs {p + 1} points per patch and "
+                    f"direction, or {p - r} more for every further knot span"
+                )
+            nested = Univariate.nested(given, geometry_degree, p, points)
+            if knots == "auto" and r == p - 1 and nested is not None:
+                return nested
+            return Univariate.uniform((float(given[0]), float(given[-1])), p, count + 1, r)
 
         self.interfaces: tuple[Interface, ...] = mp.interfaces
         self.boundaries: tuple[tuple[int, Side], ...] = mp.boundaries
