@@ -112,7 +112,9 @@ class PatchNodes:
         if patch.weights is not None:
             w = patch.weights[..., None]
             c = np.concatenate([c * w, w], axis=2)
-        return np.asarray(self.geometry[0][du] @ np.moveaxis(c, 2, 0) @ self.geometry[1][dv].T)
+        # Contiguous, or the products bypass BLAS.
+        c = np.ascontiguousarray(np.moveaxis(c, 2, 0))
+        return np.asarray(self.geometry[0][du] @ c @ self.geometry[1][dv].T)
 
 
 class GeometryAt:
