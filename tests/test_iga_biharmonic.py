@@ -1,5 +1,8 @@
 """C¹ fields and the biharmonic equation: exactness, orders with and without AS-G1, the null space by a second route."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +12,11 @@ import models
 import patchtransfer as pt
 import strategies
 from patchtransfer import iga
+from patchtransfer.iga.biharmonic import sine_hessian
 from patchtransfer.iga.nodes import GeometryAt, PatchNodes, gauss
+from patchtransfer.iga.poisson import sine, sine_gradient
+
+MODELS = os.environ.get("PATCHTRANSFER_MODELS")
 
 
 def star(valence: int, seed: int | None = 1) -> pt.MultiPatch:
@@ -125,6 +132,23 @@ def test_orders_with_analysis_suitable_interfaces_and_without(valence, degree):
     assert max(without) < 0.5
     assert stalled.l2 > 1000 * fine.l2
     assert stalled.h2 > 30 * fine.h2
+
+
+@pytest.mark.skipif(not MODELS, reason="PATCHTRANSFER_MODELS is not set")
+def test_orders_on_a_published_model():
+    """An O-grid with four vertices of valence 3, curved and AS-G1; the solution scaled to its size."""
+    mp = pt.read(Path(MODELS) / "disc.xml")
+    s = 1 / mp.diameter
+    problem = {
+        "f": lambda x, y: 4 * (np.pi * s) ** 4 * sine(s * x, s * y),
+        "exact": lambda x, y: sine(s * x, s * y),
+        "gradient": lambda x, y: tuple(s * d for d in sine_gradient(s * x, s * y)),
+        "hessian": lambda x, y: tuple(s**2 * d for d in sine_hessian(s * x, s * y)),
+    }
+    found = [iga.biharmonic(mp, **problem, degree=3, divisions=d) for d in (2, 4)]
+    assert found[0].as_g1_residual < 1e-14
+    rates = [np.log2(getattr(found[0].errors, n) / getattr(found[1].errors, n)) for n in ("l2", "h1", "h2")]
+    np.testing.assert_allclose(rates, [4, 3, 2], atol=0.2)
 
 
 def test_a_clamped_plate_bends_towards_its_load():

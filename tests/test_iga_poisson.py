@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from patchtransfer.cli import main
 from patchtransfer.iga.poisson import sine, sine_gradient, sine_load
 
 BENCH = Path(__file__).parents[1] / "benches" / "python" / "poisson_nutils.py"
+MODELS = os.environ.get("PATCHTRANSFER_MODELS")
 
 
 @pytest.fixture(scope="module")
@@ -150,6 +152,24 @@ def test_the_wrench_in_its_own_scale(transferred):
         points=12,
     )
     assert result.errors.max < 1e-5
+
+
+@pytest.mark.skipif(not MODELS, reason="PATCHTRANSFER_MODELS is not set")
+@pytest.mark.parametrize(("name", "largest"), [("yeti", 2e-6), ("turtle", 1e-6), ("disc", 2e-6)])
+def test_real_models(name, largest):
+    """Patches of both orientations, holes, several knots; the solution scaled to the model's size."""
+    mp = pt.read(Path(MODELS) / f"{name}.xml")
+    s = 1 / mp.diameter
+    result = iga.poisson(
+        mp,
+        lambda x, y: s**2 * sine_load(s * x, s * y),
+        exact=lambda x, y: sine(s * x, s * y),
+        degree=4,
+        points=17,
+    )
+    assert result.errors.max < largest
+    exact = iga.poisson(mp, lambda x, y: 0.0, exact=lambda x, y: x - 2 * y)
+    assert exact.errors.max < 1e-11 * mp.diameter
 
 
 def test_one_solver_serves_all_targets():

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["solution"]
 
+#: Values of the other sign that are rounding, relative to the largest.
+ROUNDING = 1e-6
 #: Intervals of the drawn grid per patch and direction, at least.
 INTERVALS = 48
 
@@ -38,7 +40,9 @@ def solution(result: PoissonResult, titles: tuple[str, str] = ("solution", "abso
     grids = [_grid(mp, k) for k in range(len(mp))]
     points = [patch.grid(u, v) for patch, (u, v) in zip(mp.patches, grids, strict=True)]
     values = [result.field.grid(k, u, v) for k, (u, v) in enumerate(grids)]
-    layers = [(titles[0], "RdBu_r", values)]
+    low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+    both = low < -ROUNDING * high and high > -ROUNDING * low
+    layers = [(titles[0], "RdBu_r" if both else "viridis", values)]
     if result.exact is not None:
         errors = [np.abs(result.exact(p[..., 0], p[..., 1]) - u) for p, u in zip(points, values, strict=True)]
         layers.append((titles[1], "magma_r", errors))
@@ -68,7 +72,7 @@ def _draw_field(ax: Axes, points: list[FloatArray], values: list[FloatArray], co
     from matplotlib.colors import Normalize
 
     low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
-    if low < 0 < high:
+    if colors == "RdBu_r":
         low, high = -max(-low, high), max(-low, high)
     norm = Normalize(low, high)
     for p, v in zip(points, values, strict=True):
