@@ -23,8 +23,9 @@ from .space import IntArray, SplineSpace
 
 __all__ = ["C1Space"]
 
-#: Singular values below it, relative to the largest, are zero.
-RANK = 1e-10
+#: Singular values below it are zero. A condition as weak as that is left out: rounding would be amplified by more than
+#: the kink that remains.
+RANK = 1e-8
 
 
 @dataclass(frozen=True)
