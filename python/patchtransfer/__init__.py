@@ -38,6 +38,7 @@ __all__ = [
     "certify",
     "check_continuity",
     "from_layout",
+    "iga",
     "plot",
     "quality",
     "read",
@@ -49,7 +50,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> ModuleType:
-    # Loaded on first use: drawing is optional for everything else.
-    if name == "plot":
-        return import_module(".plot", __name__)
+    # Loaded on first use: drawing and analysis are optional for everything else.
+    if name in ("iga", "plot"):
+        return import_module(f".{name}", __name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

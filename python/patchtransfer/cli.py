@@ -1,4 +1,4 @@
-"""Command line: ``patchtransfer transfer | check | plot | examples``.
+"""Command line: ``patchtransfer transfer | build | check | plot | poisson | examples``.
 
 Exit status: 0 a certified result (or model), 1 not certified, 2 bad input or an infeasible target. Nothing is
 written with status 2, nor with 1 unless ``--keep-uncertified``.
@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from . import __version__
+from .cli_poisson import poisson
 from .errors import InputError, NotCertifiedError, TransferError
 
 __all__ = ["main"]
@@ -126,6 +127,9 @@ _json = click.option("--json", "json_path", metavar="R.json", help='JSON report;
 @click.version_option(__version__, prog_name="patchtransfer")
 def main() -> None:
     """Transfer multi-patch B-spline parameterizations to new boundaries, with a proof of injectivity."""
+
+
+main.add_command(poisson)
 
 
 @main.command()

@@ -162,6 +162,28 @@ def check_interfaces(patches: Sequence[Patch], interfaces: Sequence[Interface]) 
             )
 
 
+def identify(shapes: Sequence[tuple[int, int]], interfaces: Sequence[Interface]) -> tuple[list[IntArray], int]:
+    """Number the coefficients of patches of these shapes, glued ones once: an index array a patch, and how many."""
+    sizes = [m * n for m, n in shapes]
+    offsets = np.concatenate([[0], np.cumsum(sizes)])
+    raw = [offsets[k] + np.arange(n).reshape(shapes[k]) for k, n in enumerate(sizes)]
+    first, second = [np.empty(0, int)], [np.empty(0, int)]
+    for f in interfaces:
+        first.append(f.side_a.of(raw[f.patch_a]))
+        along_b = f.side_b.of(raw[f.patch_b])
+        second.append(along_b[::-1] if f.reversed else along_b)
+    i, j = np.concatenate(first), np.concatenate(second)
+    graph = coo_array((np.ones(len(i)), (i, j)), shape=(offsets[-1], offsets[-1]))
+    _, labels = connected_components(graph, directed=False)
+    # Number the shared points by first appearance, so that the numbering does not depend on the library.
+    _, first_seen, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    rank = np.empty(len(first_seen), int)
+    rank[np.argsort(first_seen)] = np.arange(len(first_seen))
+    shared = rank[inverse]
+    points = [shared[offsets[k] : offsets[k + 1]].reshape(shape) for k, shape in enumerate(shapes)]
+    return points, len(first_seen)
+
+
 class Topology:
     """Combinatorics of a multi-patch, computed once.
 
@@ -182,7 +204,7 @@ class Topology:
     def __init__(self, multipatch: MultiPatch) -> None:
         self.patches = multipatch.patches
         self.interfaces = multipatch.interfaces
-        self.points, self.n_points = self._identify()
+        self.points, self.n_points = identify([p.shape for p in self.patches], self.interfaces)
         self.orientation = np.array([1 if signed_area(p) >= 0 else -1 for p in self.patches])
         glued = {(f.patch_a, f.side_a) for f in self.interfaces} | {(f.patch_b, f.side_b) for f in self.interfaces}
         self.boundaries = tuple((k, s) for k in range(len(self.patches)) for s in Side if (k, s) not in glued)
@@ -201,26 +223,6 @@ class Topology:
                 combinatorial.append("loops")
         other.__dict__.update({name: self.__dict__[name] for name in combinatorial if name in self.__dict__})
         return other
-
-    def _identify(self) -> tuple[list[IntArray], int]:
-        sizes = [p.shape[0] * p.shape[1] for p in self.patches]
-        offsets = np.concatenate([[0], np.cumsum(sizes)])
-        raw = [offsets[k] + np.arange(n).reshape(self.patches[k].shape) for k, n in enumerate(sizes)]
-        first, second = [np.empty(0, int)], [np.empty(0, int)]
-        for f in self.interfaces:
-            first.append(f.side_a.of(raw[f.patch_a]))
-            along_b = f.side_b.of(raw[f.patch_b])
-            second.append(along_b[::-1] if f.reversed else along_b)
-        i, j = np.concatenate(first), np.concatenate(second)
-        graph = coo_array((np.ones(len(i)), (i, j)), shape=(offsets[-1], offsets[-1]))
-        _, labels = connected_components(graph, directed=False)
-        # Number the shared points by first appearance, so that the numbering does not depend on the library.
-        _, first_seen, inverse = np.unique(labels, return_index=True, return_inverse=True)
-        rank = np.empty(len(first_seen), int)
-        rank[np.argsort(first_seen)] = np.arange(len(first_seen))
-        shared = rank[inverse]
-        points = [shared[offsets[k] : offsets[k + 1]].reshape(p.shape) for k, p in enumerate(self.patches)]
-        return points, len(first_seen)
 
     @cached_property
     def coordinates(self) -> FloatArray:

@@ -8,6 +8,7 @@ pub mod barrier;
 pub mod bernstein;
 pub mod boundary_fit;
 pub mod elements;
+pub mod galerkin;
 pub mod injectivity;
 pub mod laplacian;
 pub mod local_global;

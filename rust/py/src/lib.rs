@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 mod boundary_fit;
 mod certificate;
 mod convert;
+mod galerkin;
 mod mesh;
 mod optimizer;
 mod outline;
@@ -19,6 +20,7 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     optimizer::register(m)?;
     outline::register(m)?;
     certificate::register(m)?;
+    galerkin::register(m)?;
     mesh::register(m)?;
     spline::register(m)?;
     Ok(())

@@ -1,0 +1,57 @@
+"""Command line: ``patchtransfer poisson``, isogeometric analysis on a model."""
+
+from __future__ import annotations
+
+import click
+
+__all__ = ["poisson"]
+
+
+@click.command()
+@click.argument("file", type=click.Path())
+@click.option("--degree", type=int, metavar="P", help="Degree of the field (default: the geometry's).")
+@click.option("--points", type=int, metavar="N", help="Control points of the field per patch and direction.")
+@click.option("--uniform", is_flag=True, help="Uniform knots, even where the geometry's knots could be kept.")
+@click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
+@click.option("--plot", "plot_path", metavar="P.png", help="Picture: solution and absolute error.")
+@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
+def poisson(
+    file: str,
+    degree: int | None,
+    points: int | None,
+    uniform: bool,
+    json_path: str | None,
+    plot_path: str | None,
+    threads: int | None,
+) -> None:
+    """Solve -Δu = 2π² sin(πx) sin(πy) on the multi-patch FILE and compare with u = sin(πx) sin(πy)."""
+    from . import cli, io, plot
+    from .iga import poisson as solve
+    from .plot_solution import solution
+
+    report = cli._Report(json_path)
+    with cli._failures(report):
+        cli._check_outputs(picture=plot_path, report=json_path)
+        cli._set_threads(threads)
+        result = solve(io.read(file), degree=degree, points=points, knots="uniform" if uniform else "auto")
+        with cli._all_or_nothing(plot_path, json_path):
+            if plot_path is not None:
+                plot.savefig(solution(result), plot_path)
+            report.write(result.to_dict() | {"error": None})
+    if json_path != "-":
+        _summary(result.to_dict())
+
+
+def _summary(content: dict[str, object]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for key in ("degree", "points", "dofs"):
+        table.add_row(key, str(content[key]))
+    for key in ("l2_error", "h1_error", "max_error", "exact_max"):
+        table.add_row(key.replace("_", " "), f"{content[key]:.3e}")
+    timings = content["timings"]
+    assert isinstance(timings, dict)
+    table.add_row("time", f"{1e3 * sum(timings.values()):.1f} ms")
+    Console(highlight=False, width=160).print(table)

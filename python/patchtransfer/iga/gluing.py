@@ -1,0 +1,202 @@
+"""Gluing data of interfaces, and the C¹ condition of a field in terms of them.
+
+Across an interface with cross derivatives D_a, D_b of the geometry, pointing into the two patches, and its tangent C'
+there are functions with α D_a + β D_b = γ C'. A continuous field is C¹ in the plane exactly if its pull-backs fulfil
+the same relation. The interface is analysis-suitable G1 (AS-G1) if α, β may be linear and γ quadratic (Collin,
+Sangalli, Takacs 2016, *Analysis-suitable G1 multi-patch parametrizations for C1 isogeometric spaces*,
+doi:10.1016/j.cagd.2016.05.009). Otherwise the relation holds with determinants of higher degree only, and too few
+splines fulfil it (C¹ locking).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+
+from ..errors import InputError
+from ..multipatch import Interface, MultiPatch, Side
+from ..splines import FloatArray, knot_spans
+from .nodes import gauss
+from .space import SplineSpace, Univariate
+
+__all__ = ["Gluing", "c1_rows", "gluing_of"]
+
+#: Residual up to which an interface counts as analysis-suitable.
+ANALYSIS_SUITABLE = 1e-9
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One side of an interface: its basis, and the factor of a step into the patch in the cross derivative."""
+
+    along: Univariate
+    step: float
+    reverse: bool
+
+    @classmethod
+    def of(cls, pair: Sequence[Univariate], side: Side, reverse: bool) -> _Row:
+        across, p = pair[1 - side.axis].knots, pair[1 - side.axis].degree
+        span = across[-1] - across[-p - 2] if side.at_end else across[p + 1] - across[0]
+        return cls(pair[side.axis], p / float(span), reverse)
+
+    def table(self, s: FloatArray, order: int = 0) -> FloatArray:
+        """Basis functions along the side at s in [0, 1], in the sense of the interface, derivatives by s."""
+        start, stop = float(self.along.knots[0]), float(self.along.knots[-1])
+        t = stop - (stop - start) * s if self.reverse else start + (stop - start) * s
+        scale = -(stop - start) if self.reverse else stop - start
+        return self.along.table(np.clip(t, start, stop), order) * scale**order
+
+    def breaks(self) -> FloatArray:
+        """Breaks along the side in [0, 1]."""
+        knots = knot_spans(self.along.knots)
+        s = (knots - knots[0]) / (knots[-1] - knots[0])
+        return np.asarray(1 - s[::-1] if self.reverse else s)
+
+
+@dataclass(frozen=True)
+class Gluing:
+    """Gluing data of an interface over s in [0, 1], in the sense of its first side.
+
+    Attributes
+    ----------
+    interface : Interface
+    residual : float
+        Smallest over largest singular value of the system for linear α, β and quadratic γ: 0 up to rounding on AS-G1
+        geometries.
+    coefficients : (7,) array
+        α(0), α(1), β(0), β(1) and the Bernstein coefficients of γ. On other geometries they hold at the two ends, and
+        in between as nearly as can be.
+    """
+
+    interface: Interface
+    residual: float
+    coefficients: FloatArray
+
+    @property
+    def analysis_suitable(self) -> bool:
+        """Whether α D_a + β D_b = γ C' on the whole interface."""
+        return self.residual <= ANALYSIS_SUITABLE
+
+    def __call__(self, s: FloatArray) -> FloatArray:
+        """α, β, γ at s, shape (3, len(s))."""
+        x, linear = self.coefficients, np.stack([1 - s, s])
+        return np.stack([x[:2] @ linear, x[2:4] @ linear, x[4:] @ _quadratic(s)])
+
+
+@dataclass(frozen=True)
+class _Geometry:
+    """Control points (n, 2) of an interface and of the first row on either side."""
+
+    rows: tuple[_Row, _Row]
+    side: FloatArray
+    inner: tuple[FloatArray, FloatArray]
+
+    def vectors(self, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """D_a, D_b and C' at s, (m, 2) each."""
+        a, b = self.rows
+        # Both sides' points are taken in the sense of the first.
+        first, second = (r.step * (x - self.side) for r, x in zip((a, b), self.inner, strict=True))
+        return a.table(s) @ first, _aligned(b, s) @ second, a.table(s, 1) @ self.side
+
+
+def _aligned(row: _Row, s: FloatArray, order: int = 0) -> FloatArray:
+    """Basis functions of a side with the functions, too, in the sense of the interface."""
+    table = row.table(s, order)
+    return table[:, ::-1] if row.reverse else table
+
+
+def _det(x: FloatArray, y: FloatArray) -> FloatArray:
+    return np.asarray(x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0])
+
+
+def _quadratic(s: FloatArray) -> FloatArray:
+    return np.stack([(1 - s) ** 2, 2 * s * (1 - s), s**2])
+
+
+def gluing_of(mp: MultiPatch, f: Interface) -> Gluing:
+    """Gluing data of an interface of a polynomial model.
+
+    Raises
+    ------
+    InputError
+        On rational patches, and where the two sides do not lie on different sides of the interface (a fold).
+    """
+    patches = mp.patches[f.patch_a], mp.patches[f.patch_b]
+    if any(patch.weights is not None for patch in patches):
+        raise InputError(
+            f"patch {f.patch_a} or {f.patch_b} is rational: C¹ fields are built on polynomial patches only"
+        )
+    rows, inner = [], []
+    for patch, side, reverse in ((patches[0], f.side_a, False), (patches[1], f.side_b, f.reversed)):
+        pair = [Univariate(*both) for both in zip(patch.knots, patch.degrees, strict=True)]
+        rows.append(_Row.of(pair, side, reverse))
+        points = side.of(patch.control_points, 1)
+        inner.append(points[::-1] if reverse else points)
+    shared = f.side_a.of(patches[0].control_points)
+    geometry = _Geometry((rows[0], rows[1]), shared, (inner[0], inner[1]))
+    p = rows[0].along.degree
+    s, w = gauss(rows[0].breaks(), p + 4)
+    vectors = [v / max(float(np.hypot(*v.T).max()), 1e-300) for v in geometry.vectors(s)]
+    scales = [max(float(np.hypot(*v.T).max()), 1e-300) for v in geometry.vectors(s)]
+    linear, quadratic = np.stack([1 - s, s]), -_quadratic(s)
+    parts = [v[..., None] * b.T[:, None, :] for v, b in zip(vectors, (linear, linear, quadratic), strict=True)]
+    system = np.concatenate(parts, axis=2)
+    _, sigma, vt = np.linalg.svd((system * np.sqrt(w)[:, None, None]).reshape(-1, 7), full_matrices=False)
+    residual = float(sigma[-1] / sigma[0])
+    if residual <= ANALYSIS_SUITABLE:
+        # Of several (C¹ interfaces have more than one) the nearest to α = β = 1.
+        null = vt[sigma <= ANALYSIS_SUITABLE * sigma[0]]
+        x = null.T @ (null @ np.array([1.0, 1, 1, 1, 0, 0, 0]))
+    else:
+        x = _between_frames(geometry, scales)
+        # The middle coefficient of γ by least squares.
+        known = system @ x
+        x[5] -= (system[..., 5] * known * w[:, None]).sum() / (system[..., 5] ** 2 * w[:, None]).sum()
+    if not x[:4].min() > 0:
+        raise InputError(
+            f"{name_of(f)}: the patches do not lie on different sides of it, or their cross derivatives vanish; C¹ "
+            "fields need a regular model"
+        )
+    # Back from scaled vectors, and of unit size.
+    x = x / np.repeat(scales, [2, 2, 3])
+    return Gluing(f, residual, x / np.abs(x).max())
+
+
+def _between_frames(geometry: _Geometry, scales: list[float]) -> FloatArray:
+    """α, β, γ that hold at both ends, where they are determined by D_a, D_b and C' up to a factor: α + β = 2."""
+    a, b, c = (v / scale for v, scale in zip(geometry.vectors(np.array([0.0, 1.0])), scales, strict=True))
+    alpha, beta, gamma = _det(b, c), _det(c, a), _det(b, a)
+    factor = 2 / (alpha + beta)
+    alpha, beta, gamma = alpha * factor, beta * factor, gamma * factor
+    return np.array([*alpha, *beta, gamma[0], 0.0, gamma[1]])
+
+
+def name_of(f: Interface) -> str:
+    """Name of an interface for messages."""
+    return f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
+
+
+def c1_rows(space: SplineSpace, gluing: Gluing) -> csr_array:
+    """Rows whose null space are the fields that are C¹ across an interface, (m, space.size).
+
+    α D_a w + β D_b w − γ w' is a polynomial of degree p + 1 on every span: it vanishes if it does at p + 2 points.
+    """
+    f = gluing.interface
+    a = _Row.of(space.bases[f.patch_a], f.side_a, False)
+    b = _Row.of(space.bases[f.patch_b], f.side_b, f.reversed)
+    numbers = space.points[f.patch_a], space.points[f.patch_b]
+    side = f.side_a.of(numbers[0])
+    first, second = f.side_a.of(numbers[0], 1), f.side_b.of(numbers[1], 1)
+    second = second[::-1] if f.reversed else second
+    s, _ = gauss(a.breaks(), a.along.degree + 2)
+    alpha, beta, gamma = gluing(s)[..., None]
+    into_a, into_b = alpha * a.step * a.table(s), beta * b.step * _aligned(b, s)
+    on_side = -into_a - into_b - gamma * a.table(s, 1)
+    blocks = ((first, into_a), (side, on_side), (second, into_b))
+    columns = np.concatenate([np.tile(numbers, len(s)) for numbers, _ in blocks])
+    rows = np.concatenate([np.repeat(np.arange(len(s)), len(numbers)) for numbers, _ in blocks])
+    entries = np.concatenate([table.ravel() for _, table in blocks])
+    return csr_array(coo_array((entries, (rows, columns)), shape=(len(s), space.size)))
