@@ -10,6 +10,7 @@ from .certificate import Certificate
 from .continuity import ContinuityReport
 from .fitting import FittedBoundary
 from .multipatch import MultiPatch
+from .paper_method import PaperHistory
 from .quality import Quality
 from .registration import Registration
 
@@ -46,6 +47,8 @@ class TransferResult:
     warnings : tuple of str
     timings : dict
         Seconds per stage.
+    paper_history : PaperHistory or None
+        Iterations, flips, bounds and energies of ``method="paper"``.
     """
 
     multipatch: MultiPatch
@@ -61,6 +64,7 @@ class TransferResult:
     fit_failed: bool
     warnings: tuple[str, ...]
     timings: dict[str, float]
+    paper_history: PaperHistory | None = None
 
     def with_warning(self, text: str) -> TransferResult:
         """The result with one more warning."""
@@ -80,6 +84,7 @@ class TransferResult:
             },
             "method": self.method,
             "log": list(self.log),
+            "paper_history": None if self.paper_history is None else self.paper_history.to_dict(),
             "timings": self.timings,
             "warnings": list(self.warnings),
             "error": None,

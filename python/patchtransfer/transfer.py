@@ -15,16 +15,14 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .background_mesh import source_mesh
-from .bounded_distortion import remove_foldovers
 from .certificate import Certificate, certify
 from .continuity import check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError
 from .feasibility import check_corners, check_loops, check_target_corners
 from .fitting import SMOOTH, FittedBoundary, fit_boundary
-from .harmonic import mesh_harmonic_map
 from .multipatch import Boundary, MultiPatch
 from .optimize import Progress, SplineOptimizer, degenerate_corners, optimize_with_ladder
+from .paper_method import paper_map
 from .quality import quality
 from .registration import register
 from .result import TransferResult
@@ -64,7 +62,7 @@ def transfer(
     method : {"certified", "paper"}, default "certified"
         "certified" optimises the spline itself and proves the result. "paper" follows Xu, Xiao, Xu, Gu, CMES
         137(2), 2023: uniform fit, harmonic map on a triangulated control net, fold-over removal by bounded
-        distortion; its result is certified as well, but nothing forces it to be injective.
+        distortion, distortion descent; its result is certified as well, but nothing forces it to be injective.
     progress : callable, optional
         Called as ``progress(stage, step, energy, smallest_determinant)``.
     refine : {"never", "auto"}, default "never"
@@ -248,13 +246,15 @@ class TransferPlan:
                 for k, c in degenerate
             ]
             start = self._with_boundary(fitted)
+        history = None
         if failure is not None:
             # No interior can mend the boundary: show the harmonic map on it.
             points, log = self._optimizer(()).harmonic(start), [failure]
             certificate = self._certify(points, clock)
         elif paper:
-            points, log, notes = self._paper(start, clock)
-            warnings += notes
+            mapped = paper_map(self.source.topology, start, stage=clock)
+            points, log, history = mapped.points, mapped.log, mapped.history
+            warnings += mapped.notes
             certificate = self._certify(points, clock)
         else:
             points, certificate, log = self._certified(start, degenerate, progress, clock)
@@ -277,6 +277,7 @@ class TransferPlan:
             fit_failed=failure is not None,
             warnings=tuple(warnings),
             timings=clock.seconds,
+            paper_history=history,
         )
 
     def _check_fit(self, fitted: FittedBoundary) -> tuple[float, list[tuple[int, int]], str | None]:
@@ -359,22 +360,6 @@ class TransferPlan:
                 return optimizer
             cache[key] = optimizer
         return cache[key]
-
-    def _paper(self, start: FloatArray, clock: _Clock) -> tuple[FloatArray, list[str], list[str]]:
-        """Harmonic map on the triangulated control net, then bounded conformal distortion (paper §3.3)."""
-        topology = self.source.topology
-        with clock("background mesh"):
-            mesh, notes = source_mesh(topology)
-        with clock("harmonic map"):
-            boundary = topology.boundary_points
-            points = mesh_harmonic_map(mesh, boundary, start[boundary])
-        with clock("bounded distortion"):
-            unfolded = remove_foldovers(mesh, points, boundary)
-        log = [
-            f"bounded distortion: {unfolded.flips[0]} flipped faces, {unfolded.flips[-1]} after "
-            f"{unfolded.iterations} iterations"
-        ]
-        return unfolded.points, log, list(notes)
 
 
 class _Task:

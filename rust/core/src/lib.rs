@@ -6,6 +6,8 @@ mod arcs;
 mod assembly;
 pub mod barrier;
 pub mod bernstein;
+pub mod closest_point;
+pub mod distortion_descent;
 pub mod elements;
 pub mod injectivity;
 pub mod laplacian;

@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 mod certificate;
 mod convert;
 mod mesh;
+mod mesh_map;
 mod optimizer;
 mod spline;
 mod threads;
@@ -16,6 +17,7 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     optimizer::register(m)?;
     certificate::register(m)?;
     mesh::register(m)?;
+    mesh_map::register(m)?;
     spline::register(m)?;
     Ok(())
 }
