@@ -14,6 +14,9 @@ use crate::convert::points2;
 /// `(triangles, weights, squared distances)`.
 type FeetTuple<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
 
+/// `(map, energies, why it ended)`.
+type DescentTuple<'py> = (Bound<'py, PyArray2<f64>>, Vec<f64>, &'static str);
+
 fn points4(array: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; 4]>> {
     let view = array.as_array();
     if array.shape()[1] != 4 || !view.iter().all(|x| x.is_finite()) {
@@ -73,7 +76,7 @@ impl DistortionDescent {
         u: PyReadonlyArray2<'py, f64>,
         max_steps: usize,
         tolerance: f64,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Vec<f64>, &'static str)> {
+    ) -> PyResult<DescentTuple<'py>> {
         let mut u = points2(&u)?;
         if u.len() != self.0.n_vertices() || !u.as_flattened().iter().all(|x| x.is_finite()) {
             return Err(PyValueError::new_err(format!("expected {} finite positions", self.0.n_vertices())));
