@@ -11,6 +11,7 @@ from .continuity import ContinuityReport, check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError, TransferError
 from .io import read, read_boundary, read_landmarks, write
 from .layout import QuadLayout, from_layout
+from .morph import Morph, morph
 from .multipatch import Boundary, Interface, MultiPatch, Side
 from .quality import Quality, quality
 from .result import TransferResult
@@ -25,6 +26,7 @@ __all__ = [
     "InfeasibleTargetError",
     "InputError",
     "Interface",
+    "Morph",
     "MultiPatch",
     "NotCertifiedError",
     "Patch",
@@ -38,6 +40,7 @@ __all__ = [
     "certify",
     "check_continuity",
     "from_layout",
+    "morph",
     "plot",
     "quality",
     "read",

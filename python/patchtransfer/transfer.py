@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +30,7 @@ from .result import TransferResult
 from .splines import FloatArray, Patch
 from .topology import CORNERS
 
-__all__ = ["TransferPlan", "transfer"]
+__all__ = ["Refilled", "TransferPlan", "transfer"]
 
 METHODS = ("certified", "paper")
 CONTINUITY = ("c0", "c1", "g1")
@@ -212,6 +213,42 @@ class TransferPlan:
         task = _Task(self, options)
         return map(task, targets) if executor is None else executor.map(task, targets)
 
+    def refill(self, points: ArrayLike, progress: Progress | None = None) -> Refilled:
+        """Parameterize a boundary that is given on the source's own sides: no registration, no fit.
+
+        Parameters
+        ----------
+        points : (n_points, 2) array
+            Shared control points with the new boundary; interior points do not matter.
+        progress : callable, optional
+            As in `transfer`.
+
+        Returns
+        -------
+        Refilled
+            Its certificate says whether a map was found.
+
+        Raises
+        ------
+        InputError
+            On another shape or NaN.
+        InfeasibleTargetError
+            When the boundary crosses itself, or a single patch would have to fill more than 180 degrees.
+        """
+        start = np.asarray(points, float)
+        topology = self.source.topology
+        if start.shape != (topology.n_points, 2) or not np.isfinite(start).all():
+            raise InputError(f"refill: expected finite points of shape {(topology.n_points, 2)}, got {start.shape}")
+        patches = [
+            patch.with_control_points(start[p]) for patch, p in zip(topology.patches, topology.points, strict=True)
+        ]
+        curves = [[side.curve(patches) for side in loop] for loop in topology.loops]
+        check_loops(curves, "boundary")
+        corners = check_corners(curves, self._single, "boundary")
+        degenerate = [self._corner_of(c.loop, c.joint) for c in corners if c.kind == "degenerate"]
+        found, certificate, log, *_ = self._certified(start, degenerate, progress, _Clock())
+        return Refilled(self.source.with_shared_points(found), certificate, tuple(log))
+
     def _attempt(
         self,
         target: Boundary,
@@ -360,6 +397,14 @@ class TransferPlan:
                 return optimizer
             cache[key] = optimizer
         return cache[key]
+
+
+class Refilled(NamedTuple):
+    """Outcome of `TransferPlan.refill`."""
+
+    multipatch: MultiPatch
+    certificate: Certificate
+    log: tuple[str, ...]
 
 
 class _Task:
