@@ -8,6 +8,7 @@ from types import ModuleType
 from ._core import __version__
 from .certificate import Certificate, certify
 from .continuity import ContinuityReport, check_continuity
+from .deform import Deformer, DeformResult, deform
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError, TransferError
 from .io import read, read_boundary, read_landmarks, write
 from .layout import QuadLayout, from_layout
@@ -23,6 +24,8 @@ __all__ = [
     "Boundary",
     "Certificate",
     "ContinuityReport",
+    "DeformResult",
+    "Deformer",
     "InfeasibleTargetError",
     "InputError",
     "Interface",
@@ -39,6 +42,7 @@ __all__ = [
     "__version__",
     "certify",
     "check_continuity",
+    "deform",
     "from_layout",
     "morph",
     "plot",
