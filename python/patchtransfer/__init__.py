@@ -8,9 +8,11 @@ from types import ModuleType
 from ._core import __version__
 from .certificate import Certificate, certify
 from .continuity_report import ContinuityReport, check_continuity
+from .deform import Deformer, DeformResult, deform
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError, TransferError
 from .io import read, read_boundary, read_landmarks, write
 from .layout import QuadLayout, from_layout
+from .morph import Morph, morph
 from .multipatch import Boundary, Interface, MultiPatch, Side
 from .quality import Quality, quality
 from .result import TransferResult
@@ -22,9 +24,12 @@ __all__ = [
     "Boundary",
     "Certificate",
     "ContinuityReport",
+    "DeformResult",
+    "Deformer",
     "InfeasibleTargetError",
     "InputError",
     "Interface",
+    "Morph",
     "MultiPatch",
     "NotCertifiedError",
     "Patch",
@@ -37,8 +42,10 @@ __all__ = [
     "__version__",
     "certify",
     "check_continuity",
+    "deform",
     "from_layout",
     "iga",
+    "morph",
     "plot",
     "quality",
     "read",

@@ -72,13 +72,16 @@ def mesh_harmonic_map(
 
 def mesh_solver(mesh: TriangleMesh, fixed: NDArray[np.int64], null_space: Any) -> _core.LocalGlobal:
     """Factorize a mesh with fixed vertices once; `null_space` as in `mesh_harmonic_map`."""
-    if null_space is None:
-        arrays = None
-    else:
-        z = csc_array(null_space, copy=True)
-        z.sum_duplicates()
-        arrays = (z.data.astype(float), z.indices.astype(np.int64), z.indptr.astype(np.int64), z.shape)
     try:
-        return _core.LocalGlobal(mesh.points, mesh.triangles, fixed, arrays)
+        return _core.LocalGlobal(mesh.points, mesh.triangles, fixed, null_space_arrays(null_space))
     except ValueError as error:
         raise InputError(f"mesh map cannot be solved for: {error}") from error
+
+
+def null_space_arrays(null_space: Any) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], Any] | None:
+    """A basis in compressed sorted columns, as the core takes it."""
+    if null_space is None:
+        return None
+    z = csc_array(null_space, copy=True)
+    z.sum_duplicates()
+    return z.data.astype(float), z.indices.astype(np.int64), z.indptr.astype(np.int64), z.shape

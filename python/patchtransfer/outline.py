@@ -40,6 +40,9 @@ class Outline:
         self.length = self.core.length
         self.joints = self.core.joints
 
+    def __reduce__(self) -> tuple[type[Outline], tuple[tuple[BSplineCurve, ...]]]:
+        return Outline, (self.curves,)
+
     def evaluate(self, s: FloatArray, from_left: bool = False) -> FloatArray:
         """Points and unit tangents (..., 4) at the arc lengths `s`, taken modulo the length.
 

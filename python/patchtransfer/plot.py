@@ -261,7 +261,8 @@ def _rendered(figure: Figure, kind: str, dpi: int) -> bytes:
     return buffer.getvalue()
 
 
-def _new_figure(size: tuple[float, float]) -> Figure:
+def new_figure(size: tuple[float, float]) -> Figure:
+    """An empty figure of this size in inches, made without pyplot."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=size, layout="constrained")
@@ -271,7 +272,7 @@ def _new_axes(outline: FloatArray) -> Axes:
     width, height = np.ptp(outline, axis=0).tolist()
     longest = max(width, height) or 1.0
     size = (max(3.2, 6.4 * width / longest) + 1.4, max(2.8, 6.4 * height / longest) + 0.6)
-    return _new_figure(size).subplots()
+    return new_figure(size).subplots()
 
 
 def _panels(outlines: list[FloatArray], extra: float) -> tuple[Figure, list[Axes]]:
@@ -281,7 +282,7 @@ def _panels(outlines: list[FloatArray], extra: float) -> tuple[Figure, list[Axes
     # One window for all in units of the diagonals: panels of one shape, titles at one height.
     window = 1.06 * np.max([size / d for size, d in zip(sizes, diagonals, strict=True)], axis=0)
     width, height = min(4.3 / window[0], 5.6 / window[1]) * window
-    figure = _new_figure((float(width) * len(outlines) + extra, float(height) + 0.9))
+    figure = new_figure((float(width) * len(outlines) + extra, float(height) + 0.9))
     axes = list(figure.subplots(1, len(outlines), squeeze=False)[0])
     for ax, outline, diagonal in zip(axes, outlines, diagonals, strict=True):
         middle, half = (outline.min(axis=0) + outline.max(axis=0)) / 2, diagonal * window / 2

@@ -12,6 +12,7 @@ from .constrained import ActiveRows
 from .continuity_report import ContinuityReport
 from .fitting import FittedBoundary
 from .multipatch import MultiPatch
+from .paper_method import PaperHistory
 from .quality import Quality
 from .registration import Registration
 
@@ -51,6 +52,8 @@ class TransferResult:
     warnings : tuple of str
     timings : dict
         Seconds per stage.
+    paper_history : PaperHistory or None
+        Iterations, flips, bounds and energies of ``method="paper"``.
     """
 
     multipatch: MultiPatch
@@ -67,6 +70,7 @@ class TransferResult:
     fit_failed: bool
     warnings: tuple[str, ...]
     timings: dict[str, float]
+    paper_history: PaperHistory | None = None
 
     def with_warnings(self, texts: Sequence[str]) -> TransferResult:
         """The result with more warnings."""
@@ -86,6 +90,7 @@ class TransferResult:
             },
             "method": self.method,
             "log": list(self.log),
+            "paper_history": None if self.paper_history is None else self.paper_history.to_dict(),
             "timings": self.timings,
             "warnings": list(self.warnings),
             "error": None,

@@ -13,13 +13,12 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csc_array
 
-from .background_mesh import source_mesh
-from .bounded_distortion import remove_foldovers
 from .certificate import Certificate, certify
 from .constrained import ActiveRows, optimize_under_rows, rows_summary
 from .continuity import ContinuityRows, c1_rows
@@ -28,11 +27,11 @@ from .errors import InfeasibleTargetError, InputError, NotCertifiedError
 from .feasibility import check_corners, check_loops, check_target_corners
 from .fitting import SMOOTH, FittedBoundary, fit_boundary
 from .gluing import control_rows
-from .harmonic import mesh_harmonic_map
 from .multipatch import Boundary, MultiPatch
-from .null_space import RowSpace, row_space
+from .null_space import row_space
 from .optimize import Progress, SplineOptimizer, degenerate_corners, optimize_with_ladder
 from .outline import Outline
+from .paper_method import PaperHistory, paper_map
 from .quality import quality
 from .refinement import Knot, insert_in_strips, missed_spans, span_middles
 from .registration import Registration, register
@@ -41,7 +40,7 @@ from .sliding import Slid, movable_joints, slide_joints
 from .splines import FloatArray, Patch
 from .topology import CORNERS, Spoke
 
-__all__ = ["TransferPlan", "transfer"]
+__all__ = ["Refilled", "TransferPlan", "transfer"]
 
 METHODS = ("certified", "paper")
 CONTINUITY = ("c0", "c1", "g1")
@@ -79,7 +78,7 @@ def transfer(
     method : {"certified", "paper"}, default "certified"
         "certified" optimises the spline itself and proves the result. "paper" follows Xu, Xiao, Xu, Gu, CMES
         137(2), 2023: uniform fit, harmonic map on a triangulated control net, fold-over removal by bounded
-        distortion; its result is certified as well, but nothing forces it to be injective.
+        distortion, distortion descent; its result is certified as well, but nothing forces it to be injective.
     progress : callable, optional
         Called as ``progress(stage, step, energy, smallest_determinant)``.
     refine : {"never", "auto"}, default "never"
@@ -249,6 +248,42 @@ class TransferPlan:
         task = _Task(self, options)
         return map(task, targets) if executor is None else executor.map(task, targets)
 
+    def refill(self, points: ArrayLike, progress: Progress | None = None) -> Refilled:
+        """Parameterize a boundary that is given on the source's own sides: no registration, no fit.
+
+        Parameters
+        ----------
+        points : (n_points, 2) array
+            Shared control points with the new boundary; interior points do not matter.
+        progress : callable, optional
+            As in `transfer`.
+
+        Returns
+        -------
+        Refilled
+            Its certificate says whether a map was found.
+
+        Raises
+        ------
+        InputError
+            On another shape or NaN.
+        InfeasibleTargetError
+            When the boundary crosses itself, or a single patch would have to fill more than 180 degrees.
+        """
+        start = np.asarray(points, float)
+        topology = self.source.topology
+        if start.shape != (topology.n_points, 2) or not np.isfinite(start).all():
+            raise InputError(f"refill: expected finite points of shape {(topology.n_points, 2)}, got {start.shape}")
+        patches = [
+            patch.with_control_points(start[p]) for patch, p in zip(topology.patches, topology.points, strict=True)
+        ]
+        curves = [[side.curve(patches) for side in loop] for loop in topology.loops]
+        check_loops(curves, "boundary")
+        corners = check_corners(curves, self._single, "boundary")
+        degenerate = [self._corner_of(c.loop, c.joint) for c in corners if c.kind == "degenerate"]
+        found, certificate, log, *_ = self._certified(start, degenerate, progress, _Clock())
+        return Refilled(self.source.with_shared_points(found), certificate, tuple(log))
+
     def _register(self, target: Boundary, landmarks: ArrayLike | None, method: str, clock: _Clock) -> Registration:
         """Correspondence of the boundaries, on a target that allows an injective map."""
         with clock("registration"):
@@ -323,12 +358,13 @@ class TransferPlan:
             ]
             start = self._with_boundary(fitted)
         rows: ActiveRows | None = None
+        history = None
         if failure is not None:
             # No interior can mend the boundary: show the harmonic map on it.
             points, log = self._optimizer(()).harmonic(start), [failure]
             certificate = self._certify(points, clock)
         elif method == "paper":
-            points, certificate, log, notes, rows = self._paper(start, clock)
+            points, certificate, log, notes, rows, history = self._paper(start, clock)
             warnings += notes
         else:
             slides = []
@@ -371,6 +407,7 @@ class TransferPlan:
             fit_failed=failure is not None,
             warnings=(*registration.warnings, *fitted.warnings, *warnings),
             timings=clock.seconds,
+            paper_history=history,
         )
 
     def _check_fit(self, fitted: FittedBoundary) -> tuple[float, list[tuple[int, int]], str | None]:
@@ -501,43 +538,36 @@ class TransferPlan:
 
     def _paper(
         self, start: FloatArray, clock: _Clock
-    ) -> tuple[FloatArray, Certificate, list[str], list[str], ActiveRows | None]:
-        """Harmonic map on the triangulated control net, then bounded conformal distortion (paper §3.3)."""
+    ) -> tuple[FloatArray, Certificate, list[str], list[str], ActiveRows | None, PaperHistory]:
+        """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
         topology = self.source.topology
-        with clock("background mesh"):
-            mesh, notes = source_mesh(topology)
-        boundary, interior = topology.boundary_points, topology.interior_points
-
-        def solve(space: RowSpace | None) -> tuple[FloatArray, Certificate, str]:
-            basis = None if space is None else space.basis
-            particular = None if space is None else space.project(start)[interior]
-            with clock("harmonic map"):
-                points = mesh_harmonic_map(mesh, boundary, start[boundary], basis, particular)
-            with clock("bounded distortion"):
-                unfolded = remove_foldovers(mesh, points, boundary, basis)
-            log = (
-                f"bounded distortion: {unfolded.flips[0]} flipped faces, {unfolded.flips[-1]} after "
-                f"{unfolded.iterations} iterations"
-            )
-            return unfolded.points, self._certify(unfolded.points, clock), log
-
-        points, certificate, entry = solve(None)
+        mapped = paper_map(topology, start, stage=clock)
+        certificate = self._certify(mapped.points, clock)
         if not self._control:
-            return points, certificate, [entry], list(notes), None
-        log = [entry]
+            return mapped.points, certificate, mapped.log, mapped.notes, None, mapped.history
         with clock("continuity rows"):
             # The rows follow speeds and frames: where this map is folded, those of the source.
-            reference = points if certificate.injective else topology.coordinates
-            space = row_space(self._rows(reference), interior, start)
-            constrained, proof, entry = solve(space)
-        log.append(f"under {len(space.rows)} rows, {entry}")
+            reference = mapped.points if certificate.injective else topology.coordinates
+            space = row_space(self._rows(reference), topology.interior_points, start)
+        under = paper_map(topology, space.project(start), space.basis, stage=clock)
+        proof = self._certify(under.points, clock)
+        log = [*mapped.log, *(f"under {len(space.rows)} rows, {line}" for line in under.log)]
         if certificate.injective and not proof.injective:
             log.append("the map under all rows is not injective: the one without rows is kept")
             everything = frozenset(range(len(self.source.interfaces)))
-            space = row_space(self._rows(reference, (), everything), interior, start)
+            space = row_space(self._rows(reference, (), everything), topology.interior_points, start)
         else:
-            points, certificate = constrained, proof
-        return points, certificate, log, list(notes), rows_summary(topology, space, points)
+            mapped, certificate = under, proof
+        rows = rows_summary(topology, space, mapped.points)
+        return mapped.points, certificate, log, mapped.notes, rows, mapped.history
+
+
+class Refilled(NamedTuple):
+    """Outcome of `TransferPlan.refill`."""
+
+    multipatch: MultiPatch
+    certificate: Certificate
+    log: tuple[str, ...]
 
 
 class _Task:

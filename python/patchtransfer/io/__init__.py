@@ -6,6 +6,7 @@ format     extensions  holds                                    reads / writes
 G+Smo XML  .xml        patches, boundary curves                 multi-patch, boundary / both
 CSV        .csv, .txt  points of closed outlines, landmarks     boundary, landmarks / –
 SVG        .svg        closed paths and shapes                  boundary / –
+VTU        .vtu        Bézier quadrilaterals                    – / multi-patch
 =========  ==========  =======================================  ==============================
 
 A format is one entry of `FORMATS`; its functions take and return the contents of files, and raise
@@ -24,7 +25,7 @@ from pathlib import Path
 from ..errors import InputError
 from ..multipatch import Boundary, MultiPatch
 from ..splines import FloatArray
-from . import gismo, points, svg
+from . import gismo, points, svg, vtu
 from .atomic import read_bytes, write_atomic
 from .layout_json import LayoutFile, parse_layout
 
@@ -57,7 +58,7 @@ FORMATS = (
     Format(
         "G+Smo XML",
         (".xml",),
-        lambda data: _first_tag(data) not in (b"", b"svg"),
+        lambda data: _first_tag(data) not in (b"", b"svg", b"VTKFile"),
         gismo.read_multipatch,
         gismo.read_boundary,
         gismo.format_multipatch,
@@ -65,6 +66,7 @@ FORMATS = (
     ),
     Format("SVG", (".svg",), lambda data: _first_tag(data) == b"svg", read_boundary=svg.read_boundary),
     Format("CSV", (".csv", ".txt"), points.looks_like_points, read_boundary=points.read_boundary),
+    Format("VTU", (".vtu",), lambda data: _first_tag(data) == b"VTKFile", write=vtu.format_multipatch),
 )
 
 
@@ -192,7 +194,7 @@ def read_layout(path: str | os.PathLike[str]) -> LayoutFile:
 
 
 def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None:
-    """Write a multi-patch or a boundary as G+Smo XML, atomically.
+    """Write a multi-patch or a boundary as G+Smo XML, or a multi-patch as VTU (for ParaView), atomically.
 
     Numbers are written in full, so that reading gives back the same bits.
 
@@ -200,7 +202,7 @@ def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None
     ----------
     geometry : MultiPatch or Boundary
     path : path
-        Must end in ``.xml``; an existing file is replaced.
+        Must end in ``.xml`` or ``.vtu``; an existing file is replaced.
 
     Raises
     ------

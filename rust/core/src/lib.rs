@@ -7,6 +7,8 @@ mod assembly;
 pub mod barrier;
 pub mod bernstein;
 pub mod boundary_fit;
+pub mod closest_point;
+pub mod distortion_descent;
 pub mod elements;
 pub mod galerkin;
 pub mod injectivity;

@@ -7,6 +7,7 @@ mod certificate;
 mod convert;
 mod galerkin;
 mod mesh;
+mod mesh_map;
 mod optimizer;
 mod outline;
 mod spline;
@@ -22,6 +23,7 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     certificate::register(m)?;
     galerkin::register(m)?;
     mesh::register(m)?;
+    mesh_map::register(m)?;
     spline::register(m)?;
     Ok(())
 }

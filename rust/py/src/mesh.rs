@@ -25,7 +25,7 @@ type CscTuple<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>, (usize, usize));
 
 /// The same as handed over from Python.
-type CscReadonly<'py> =
+pub type CscReadonly<'py> =
     (PyReadonlyArray1<'py, f64>, PyReadonlyArray1<'py, i64>, PyReadonlyArray1<'py, i64>, (usize, usize));
 
 /// `(points, triangles)`.
@@ -38,23 +38,33 @@ fn index(value: i64) -> PyResult<usize> {
     usize::try_from(value).map_err(|_| PyValueError::new_err(format!("index {value} is negative")))
 }
 
-fn indices(array: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<usize>> {
+/// Indices handed over as signed integers.
+pub fn indices(array: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<usize>> {
     array.as_array().iter().map(|&i| index(i)).collect()
 }
 
-fn triangles3(array: &PyReadonlyArray2<'_, i64>) -> PyResult<Vec<[usize; 3]>> {
+/// Rows of an (m, 3) index array.
+pub fn triangles3(array: &PyReadonlyArray2<'_, i64>) -> PyResult<Vec<[usize; 3]>> {
     if array.shape()[1] != 3 {
         return Err(PyValueError::new_err(format!("expected triangles (m, 3), got {:?}", array.shape())));
     }
     array.as_array().rows().into_iter().map(|r| Ok([index(r[0])?, index(r[1])?, index(r[2])?])).collect()
 }
 
-fn rows<'py, const N: usize>(py: Python<'py>, values: Vec<[f64; N]>) -> Bound<'py, PyArray2<f64>> {
+/// An (n, N) array of rows.
+pub fn rows<'py, const N: usize>(py: Python<'py>, values: Vec<[f64; N]>) -> Bound<'py, PyArray2<f64>> {
     let shape = (values.len(), N);
     Array2::from_shape_vec(shape, values.into_flattened()).expect("sizes agree").into_pyarray(py)
 }
 
-fn mesh_error(error: MeshError) -> PyErr {
+/// A matrix from its Python tuple.
+pub fn csc((data, row, offsets, (m, n)): CscReadonly<'_>) -> PyResult<CscMatrix<f64>> {
+    CscMatrix::try_from_csc_data(m, n, indices(&offsets)?, indices(&row)?, data.as_array().to_vec())
+        .map_err(|e| PyValueError::new_err(format!("null-space basis: {e}")))
+}
+
+/// A mesh that cannot be used, as a Python error.
+pub fn mesh_error(error: MeshError) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
@@ -176,19 +186,7 @@ impl LocalGlobal {
     ) -> PyResult<Self> {
         let (points, triangles) = (points2(&points)?, triangles3(&triangles)?);
         let fixed = indices(&fixed)?;
-        let z = match null_space {
-            None => None,
-            Some((data, row, offsets, (m, n))) => Some(
-                CscMatrix::try_from_csc_data(
-                    m,
-                    n,
-                    indices(&offsets)?,
-                    indices(&row)?,
-                    data.as_array().to_vec(),
-                )
-                .map_err(|e| PyValueError::new_err(format!("null-space basis: {e}")))?,
-            ),
-        };
+        let z = null_space.map(csc).transpose()?;
         let solver = threads::run(py, || local_global::LocalGlobal::new(&points, &triangles, &fixed, z))?;
         solver.map(Self).map_err(mesh_error)
     }
