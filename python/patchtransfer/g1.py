@@ -98,13 +98,12 @@ def _smooth_vertices(topology: Topology, data: FloatArray) -> list[tuple[Spoke, 
 
 
 def _best_middle(r: ControlRows, data: FloatArray, reference: FloatArray) -> float:
-    """c_1 that makes the identity hold best on the reference."""
+    """The c_1 with which the identity holds best on the reference (least squares)."""
     t = _nodes(r)
-    gluing, shape = _evaluated(np.array([*data[:5], 0.0, data[6]]), t), 2 * t * (1 - t)
     value, slope = r.basis(t)
-    misfit = r.functional(gluing, value, slope) @ reference[r.columns]
-    direction = shape[:, None] * (slope @ reference[r.curve])
-    return float((misfit * direction).sum() / (direction**2).sum())
+    misfit = r.functional(_evaluated(np.array([*data[:5], 0.0, data[6]]), t), value, slope) @ reference[r.columns]
+    part = 2 * (t * (1 - t))[:, None] * (slope @ reference[r.curve])
+    return float((misfit * part).sum() / (part**2).sum())
 
 
 def _close_twists(
@@ -134,11 +133,21 @@ def _close_twists(
         rhs[2 * k : 2 * k + 2] = -(y @ rest)
         for m, spoke in enumerate(around):
             matrix[2 * k : 2 * k + 2, spoke.interface] += y[m] * change[m]
-    moved, *_ = np.linalg.lstsq(matrix, rhs, rcond=1e-12)
+    # Where c_1 matters most for the residual, relative to the speeds, it changes least.
+    weight = np.array([_weight(r, reference) for r in control])
+    moved = np.linalg.lstsq(matrix / weight, rhs, rcond=1e-12)[0] / weight
     left = np.abs(matrix @ moved - rhs).max()
     if left > 1e-9 * max(float(np.abs(rhs).max()), float(np.abs(matrix).max())):
         raise InputError("exact G1: the twist rows cannot be closed at the regular vertices; use continuity c1")
     data[:, 5] += moved
+
+
+def _weight(r: ControlRows, reference: FloatArray) -> float:
+    """Size of c_1's part of the residual relative to the cross derivatives."""
+    t = _nodes(r)
+    left, right, tangent = r.derivatives(reference, *r.basis(t))
+    part = 2 * (t * (1 - t))[:, None] * tangent
+    return float(np.linalg.norm(part) / np.hypot(np.linalg.norm(left), np.linalg.norm(right)))
 
 
 def _twists(r: ControlRows, spoke: Spoke) -> tuple[int, int]:
