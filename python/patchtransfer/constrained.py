@@ -107,6 +107,8 @@ def optimize_under_rows(
     reference: FloatArray,
     certify: Certify,
     progress: Progress | None = None,
+    *,
+    release: bool = True,
 ) -> tuple[FloatArray, Certificate, list[str], ActiveRows]:
     """Optimise under continuity rows, starting from a certified map without them.
 
@@ -122,6 +124,8 @@ def optimize_under_rows(
     certify : callable
         Shared control points to certificate.
     progress : callable, optional
+    release : bool, default True
+        Whether rows are released at boundary corners that collapse.
 
     Returns
     -------
@@ -132,7 +136,11 @@ def optimize_under_rows(
     without = frozenset[int]()
     released = frozenset[Spoke]()
     for _ in range(ROUNDS):
-        problem, released = _release(topology, make_rows, make, reference, released, without, progress)
+        if release:
+            problem, released = _release(topology, make_rows, make, reference, released, without, progress)
+        else:
+            space = row_space(make_rows((), without), topology.interior_points, reference)
+            problem = _Problem(space, make, reference)
         space = problem.space
         found, certificate, tried = optimize_with_ladder(
             problem.make,

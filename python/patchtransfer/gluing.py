@@ -65,6 +65,10 @@ class ControlRows:
         """The points L, R and s that `functional` gives coefficients of, (3 n,)."""
         return np.concatenate([self.left, self.right, self.curve])
 
+    def basis(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Values and derivatives (m, n) of the basis functions at the parameters t."""
+        return collocation_matrix(self.knots, self.degree, t), collocation_matrix(self.knots, self.degree, t, 1)
+
     def derivatives(
         self, points: FloatArray, value: FloatArray, slope: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -176,6 +176,25 @@ class MultiPatch:
     def with_shared_points(self, points: FloatArray) -> MultiPatch:
         """The same with the shared control points (n_points, 2) of `topology`: both sides of interfaces bit-equal."""
         return self.with_control_points([points[index] for index in self.topology.points])
+
+    def elevate(self, by: int = 1) -> MultiPatch:
+        """The same geometry with all degrees raised; inner knots stay as smooth as they are."""
+        return self._in_other_space(lambda patch: patch.elevate(by))
+
+    def split_spans(self, parts: int = 2) -> MultiPatch:
+        """The same geometry with every knot span cut into `parts` equal ones."""
+        if parts < 1:
+            raise InputError(f"knot spans can be split into 1 part or more, not {parts}")
+        return self._in_other_space(lambda patch: patch.split_spans(parts))
+
+    def reduce_continuity(self, smoothness: int) -> MultiPatch:
+        """The same geometry with inner knots repeated until splines are only C^smoothness there."""
+        return self._in_other_space(lambda patch: patch.reduce_continuity(smoothness))
+
+    def _in_other_space(self, change: Callable[[Patch], Patch]) -> MultiPatch:
+        """The multi-patch of changed patches; rounding may part glued points, so they are welded where they agreed."""
+        other = MultiPatch([change(patch) for patch in self.patches], self.interfaces, self.ids)
+        return other.with_shared_points(other.topology.coordinates)
 
     def boundary(self) -> Boundary:
         """The boundary curves, loop by loop, the domain on their left."""

@@ -1,16 +1,20 @@
 """A sparse basis of the maps that satisfy the continuity rows, by local elimination.
 
 C1 rows are read as substitutions; what other rows say about the points that remain is solved in the small groups
-that they tie together (one around every extraordinary vertex, or around several that are close).
+that they tie together (one around every extraordinary vertex, or around several that are close). Rows that couple a
+whole interface are first solved for the points that belong to that interface alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from scipy.sparse import block_diag, csc_array, csr_array, diags_array
+from scipy.sparse import block_diag, csc_array, csr_array, diags_array, eye_array, hstack, vstack
 from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
 
 from .continuity import ContinuityRows
 from .errors import InputError
@@ -19,8 +23,10 @@ from .topology import IntArray
 
 __all__ = ["RowSpace", "row_space"]
 
-#: Singular values below this fraction of the largest are zero (the gap is from 0.05 to 1e-16).
+#: Singular values below this fraction of the largest are zero (the gap is from 0.01 to 1e-15).
 RANK_TOLERANCE = 1e-10
+#: An interface's own points are solved for where singular values exceed this.
+STRONG = 1e-2
 #: Entries below this are rounding.
 ROUNDING = 1e-13
 #: Substitutions into substitutions at most; a regular vertex takes two.
@@ -37,49 +43,42 @@ class RowSpace:
     ----------
     rows : ContinuityRows
         The active ones.
+    interior : (n_interior,) int array
+        The points that may move.
     basis : (n_interior, m) sparse array
         Columns span the displacements of the interior points that keep the rows.
+    particular : (n_interior, n_points) sparse array
+        From the boundary points to interior points that satisfy the rows.
     contradictory : tuple of (interface, vertex)
-        Rows that the boundary contradicts; they are not active. Vertex -1: a C1 row.
+        Rows that the boundary contradicts; they are not active. Vertex -1: a row that belongs to no vertex.
     redundant : int
         Active rows that follow from the others.
     """
 
     rows: ContinuityRows
+    interior: IntArray
     basis: csc_array
+    particular: csr_array
     contradictory: tuple[tuple[int, int], ...]
     redundant: int
-    interior: IntArray
-    substitution: csr_array
-    """All points from the masters."""
-    groups: tuple[_Group, ...]
+
+    @cached_property
+    def _normal(self) -> Any:
+        return splu(csc_array(self.basis.T @ self.basis))
 
     def project(self, points: FloatArray) -> FloatArray:
-        """The map with the boundary of `points` and near it that satisfies the rows."""
-        masters = np.array(points)
-        for group in self.groups:
-            masters[group.masters] = group.project(points)
+        """The map nearest to `points` (n_points, 2) that satisfies the rows and has the same boundary."""
         moved = np.array(points)
-        moved[self.interior] = (self.substitution @ masters)[self.interior]
+        start = self.particular @ points
+        moved[self.interior] = start
+        if self.basis.shape[1]:
+            away = self.basis.T @ (points[self.interior] - start)
+            moved[self.interior] += self.basis @ self._normal.solve(np.ascontiguousarray(away))
         return moved
 
     def residual(self, points: FloatArray) -> float:
         """Largest residual of an active row, a length."""
         return float(np.hypot(*(self.rows.matrix @ points).T).max(initial=0.0))
-
-
-@dataclass(frozen=True, eq=False)
-class _Group:
-    """Rows D y = -E x on a few masters y, with x all points (only fixed ones count), solved by SVD."""
-
-    masters: IntArray
-    null: FloatArray
-    inverse: FloatArray
-    fixed: csr_array
-
-    def project(self, points: FloatArray) -> FloatArray:
-        particular = self.inverse @ -(self.fixed @ points)
-        return np.asarray(particular + self.null @ (self.null.T @ (points[self.masters] - particular)))
 
 
 def row_space(rows: ContinuityRows, interior: IntArray, points: FloatArray) -> RowSpace:
@@ -104,73 +103,175 @@ def row_space(rows: ContinuityRows, interior: IntArray, points: FloatArray) -> R
     """
     free = np.zeros(len(points), bool)
     free[interior] = True
-    tolerance = CONSISTENT * float(np.linalg.norm(np.ptp(points, axis=0)))
-    _, first = np.unique(rows.slave, return_index=True)
+    first = np.unique(rows.slave, return_index=True)[1]
     first = first[rows.slave[first] >= 0]
-    substitution = _substitution(rows, first)
-    is_master = free.copy()
-    is_master[rows.slave[first]] = False
-    masters = np.flatnonzero(is_master)
-    others = np.setdiff1d(np.arange(len(rows)), first)
-    reduced = csr_array(rows.matrix[others] @ substitution)
-    reduced.data[np.abs(reduced.data) < ROUNDING] = 0.0
-    reduced.eliminate_zeros()
-    on_masters = csr_array(reduced[:, masters])
-    on_fixed = csr_array(reduced @ diags_array((~is_master).astype(float)))
-    groups: list[_Group] = []
-    dropped: list[int] = []
-    redundant = 0
-    for r, c in _tied(on_masters):
-        dense, fixed = on_masters[r][:, c].toarray(), on_fixed[r]
-        kept = _consistent(dense, np.asarray(fixed @ points), tolerance, rows.order[others[r]])
-        dropped += others[r[~kept]].tolist()
-        u, sigma, vt = np.linalg.svd(dense[kept])
-        rank = int((sigma > RANK_TOLERANCE * sigma.max(initial=0.0)).sum())
-        redundant += int(kept.sum()) - rank
-        inverse = vt[:rank].T @ (u[:, :rank].T / sigma[:rank, None])
-        groups.append(_Group(masters[c], vt[rank:].T, inverse, csr_array(fixed[kept])))
-    active = rows.select(np.setdiff1d(np.arange(len(rows)), np.array(dropped, int)))
-    contradictory = tuple((int(rows.interface[i]), int(rows.vertex[i])) for i in sorted(dropped))
-    basis = _basis(substitution, masters, interior, groups)
-    return RowSpace(active, basis, contradictory, redundant, interior, substitution, tuple(groups))
+    together = not len(first)
+    if together:
+        lift, equations, others = _interfaces_solved(rows, free)
+    else:
+        lift, equations, others = _substituted(rows, first, free)
+    # Unknowns come after the fixed points.
+    n = len(points)
+    null, particular, dropped, redundant = _solve_groups(
+        csr_array(equations[:, n:]), csr_array(equations[:, :n]), points, rows.order[others]
+    )
+    dropped = others[dropped]
+    if together and len(dropped):
+        # These are combinations of an interface's rows: it loses them all.
+        lost = np.unique(rows.interface[dropped])
+        space = row_space(rows.select(np.flatnonzero(~np.isin(rows.interface, lost))), interior, points)
+        return replace(space, contradictory=(*space.contradictory, *((int(i), -1) for i in lost)))
+    return RowSpace(
+        rows=rows.select(np.setdiff1d(np.arange(len(rows)), dropped)),
+        interior=interior,
+        basis=csc_array(_without_rounding(lift[interior, n:] @ null)),
+        particular=_without_rounding(lift[interior, :n] + lift[interior, n:] @ particular),
+        contradictory=tuple((int(rows.interface[i]), int(rows.vertex[i])) for i in np.sort(dropped)),
+        redundant=redundant,
+    )
 
 
-def _substitution(rows: ContinuityRows, first: IntArray) -> csr_array:
-    """All points from those that are no slaves: the sum of the powers of the substitutions."""
-    n = rows.matrix.shape[1]
+def _without_rounding(matrix: Any) -> csr_array:
+    matrix = csr_array(matrix)
+    matrix.data[np.abs(matrix.data) < ROUNDING] = 0.0
+    matrix.eliminate_zeros()
+    matrix.sort_indices()
+    return matrix
+
+
+def _substituted(rows: ContinuityRows, first: IntArray, free: np.ndarray) -> tuple[csr_array, csr_array, IntArray]:
+    """Read the rows `first` as substitutions.
+
+    Returns the map from [fixed points, masters] to all points, the other rows in [fixed points, masters], and their
+    indices.
+    """
+    n = len(free)
     slaves = rows.slave[first]
+    is_slave = np.zeros(n, bool)
+    is_slave[slaves] = True
     spread = csr_array((np.ones(len(first)), (slaves, np.arange(len(first)))), shape=(n, len(first)))
-    once = csr_array(spread @ rows.matrix[first] + diags_array(np.isin(np.arange(n), slaves).astype(float)))
-    once.data[np.abs(once.data) < ROUNDING] = 0.0
-    once.eliminate_zeros()
-    power = csr_array(diags_array((~np.isin(np.arange(n), slaves)).astype(float)))
-    power.eliminate_zeros()
+    once = _without_rounding(spread @ rows.matrix[first] + diags_array(is_slave.astype(float)))
+    power = _without_rounding(diags_array((~is_slave).astype(float)))
     total = power
     for _ in range(DEEPEST):
         power = csr_array(once @ power)
         if power.nnz == 0:
-            return total
+            break
         total = csr_array(total + power)
-    raise InputError(
-        "C1 rows depend on each other in a circle: a patch has fewer than three control points across an interface; "
-        "raise the degree (MultiPatch.elevate) or use continuity c0"
+    else:
+        raise InputError(
+            "C1 rows depend on each other in a circle: a patch has fewer than three control points across an "
+            "interface; raise the degree (MultiPatch.elevate) or use continuity c0"
+        )
+    masters = np.flatnonzero(free & ~is_slave)
+    fixed = csr_array(total @ diags_array((~free).astype(float)))
+    lift = csr_array(hstack([fixed, total[:, masters]]))
+    others = np.setdiff1d(np.arange(len(rows)), first)
+    return lift, _without_rounding(rows.matrix[others] @ lift), others
+
+
+def _interfaces_solved(rows: ContinuityRows, free: np.ndarray) -> tuple[csr_array, csr_array, IntArray]:
+    """Solve the rows of every interface for the points that no other interface touches.
+
+    Unknowns that remain are the points that interfaces share or that have no rows, and the coordinates in which an
+    interface's own points are free or weakly determined. Returns as `_substituted`; the equations are combinations of
+    an interface's rows, and any of them stands for all.
+    """
+    n = len(free)
+    touched = csr_array((np.ones(rows.matrix.nnz), rows.matrix.indices, rows.matrix.indptr), shape=rows.matrix.shape)
+    shape = (int(rows.interface.max(initial=0)) + 1, len(rows))
+    incidence = csr_array((np.ones(len(rows)), (rows.interface, np.arange(len(rows)))), shape=shape)
+    owned = free & (np.asarray((csr_array(incidence @ touched) > 0).sum(axis=0)).ravel() == 1)
+    kept = np.flatnonzero(free & ~owned)
+    column = np.arange(n)
+    column[kept] = n + np.arange(len(kept))
+    width = n + len(kept)
+    unowned = np.flatnonzero(~owned)
+    lifts: list[tuple[IntArray, IntArray, FloatArray]] = []
+    equations: list[tuple[IntArray, IntArray, FloatArray]] = []
+    others: list[IntArray] = []
+    for index in np.unique(rows.interface):
+        r = np.flatnonzero(rows.interface == index)
+        block = csr_array(rows.matrix[r])
+        used = np.unique(block.indices)
+        own, rest = used[owned[used]], used[~owned[used]]
+        u, sigma, vt = np.linalg.svd(block[:, own].toarray())
+        strong, weak = (int((sigma > limit).sum()) for limit in (STRONG, RANK_TOLERANCE))
+        outside = u.T @ block[:, rest].toarray()
+        # own = V_strong (-outside / sigma) + V_other y with new unknowns y.
+        columns = np.concatenate([column[rest], width + np.arange(len(own) - strong)])
+        width += len(own) - strong
+        lifts.append((own, columns, np.hstack([-(vt[:strong].T / sigma[:strong]) @ outside[:strong], vt[strong:].T])))
+        left = np.zeros((len(r) - strong, len(own) - strong))
+        np.fill_diagonal(left[: weak - strong, : weak - strong], sigma[strong:weak])
+        equations.append((np.arange(len(r) - strong), columns, np.hstack([outside[strong:], left])))
+        others.append(r[strong:])
+    offsets = np.cumsum([0, *(len(r) for r, _, _ in equations)])
+    shifted = [(r + k, c, block) for (r, c, block), k in zip(equations, offsets[:-1], strict=True)]
+    identity = csr_array((np.ones(len(unowned)), (unowned, column[unowned])), shape=(n, width))
+    lift = csr_array(identity + _assembled(lifts, (n, width)))
+    return (
+        lift,
+        _without_rounding(_assembled(shifted, (int(offsets[-1]), width))),
+        np.concatenate([[], *others]).astype(int),
     )
 
 
-def _tied(on_masters: csr_array) -> list[tuple[IntArray, IntArray]]:
-    """Rows and masters that belong together; rows without masters form a group of their own."""
-    m, n = on_masters.shape
-    entries = on_masters.tocoo()
+def _assembled(blocks: list[tuple[IntArray, IntArray, FloatArray]], shape: tuple[int, int]) -> csr_array:
+    """Sum of dense blocks at the given rows and columns."""
+    row = np.concatenate([[], *(np.repeat(r, len(c)) for r, c, _ in blocks)]).astype(int)
+    columns = np.concatenate([[], *(np.tile(c, len(r)) for r, c, _ in blocks)]).astype(int)
+    return csr_array((np.concatenate([[], *(b.ravel() for _, _, b in blocks)]), (row, columns)), shape=shape)
+
+
+def _solve_groups(
+    matrix: csr_array, fixed: csr_array, points: FloatArray, order: IntArray
+) -> tuple[csr_array, csr_array, IntArray, int]:
+    """Solve ``matrix`` y = -``fixed`` x for y, group by group, where x are all points and only fixed ones count.
+
+    Returns null vectors of the matrix (columns), the solution's matrix on x, the equations dropped because the fixed
+    points contradict them, and how many are redundant.
+    """
+    tolerance = CONSISTENT * float(np.linalg.norm(np.ptp(points, axis=0)))
+    places: list[IntArray] = []
+    nulls: list[FloatArray] = []
+    solutions: list[csr_array] = []
+    dropped: list[int] = []
+    redundant = 0
+    for r, c in _tied(matrix):
+        dense, bound = matrix[r][:, c].toarray(), csr_array(fixed[r])
+        kept = _consistent(dense, np.asarray(bound @ points), tolerance, order[r])
+        dropped += r[~kept].tolist()
+        u, sigma, vt = np.linalg.svd(dense[kept])
+        rank = int((sigma > RANK_TOLERANCE * sigma.max(initial=0.0)).sum())
+        redundant += int(kept.sum()) - rank
+        inverse = (vt[:rank].T / sigma[:rank]) @ u[:, :rank].T
+        places.append(c)
+        nulls.append(vt[rank:].T)
+        solutions.append(csr_array(csr_array(-inverse) @ bound[kept]))
+    alone = np.setdiff1d(np.arange(matrix.shape[1]), np.concatenate([[], *places]))
+    order_of = np.concatenate([alone, *places]).astype(int)
+    null = block_diag([eye_array(len(alone)), *nulls], format="csr")[np.argsort(order_of)]
+    stacked = vstack([csr_array((len(alone), fixed.shape[1])), *solutions], format="csr")[np.argsort(order_of)]
+    return csr_array(null), csr_array(stacked), np.array(dropped, int), redundant
+
+
+def _tied(matrix: csr_array) -> list[tuple[IntArray, IntArray]]:
+    """Rows and columns that belong together; rows without entries form a group of their own."""
+    m, n = matrix.shape
+    entries = matrix.tocoo()
     graph = csr_array((np.ones(entries.nnz), (entries.row, m + entries.col)), shape=(m + n, m + n))
-    _, label = connected_components(graph, directed=False)
-    label[:m][np.diff(on_masters.indptr) == 0] = -1
-    by_row, by_master = np.argsort(label[:m], kind="stable"), np.argsort(label[m:], kind="stable")
-    sorted_rows, sorted_masters = label[:m][by_row], label[m:][by_master]
-    groups = []
-    for g in np.unique(sorted_rows):
-        r = by_row[slice(*np.searchsorted(sorted_rows, [g, g + 1]))]
-        groups.append((r, by_master[slice(*np.searchsorted(sorted_masters, [g, g + 1]))]))
-    return groups
+    label = connected_components(graph, directed=False)[1]
+    label[:m][np.diff(matrix.indptr) == 0] = -1
+    by_row, by_column = np.argsort(label[:m], kind="stable"), np.argsort(label[m:], kind="stable")
+    sorted_rows, sorted_columns = label[:m][by_row], label[m:][by_column]
+    return [
+        (
+            by_row[slice(*np.searchsorted(sorted_rows, [g, g + 1]))],
+            by_column[slice(*np.searchsorted(sorted_columns, [g, g + 1]))],
+        )
+        for g in np.unique(sorted_rows)
+    ]
 
 
 def _consistent(dense: FloatArray, fixed: FloatArray, tolerance: float, order: IntArray) -> np.ndarray:
@@ -188,17 +289,3 @@ def _consistent(dense: FloatArray, fixed: FloatArray, tolerance: float, order: I
         kept[i] = True
         kept[i] = violation(kept) <= tolerance
     return kept
-
-
-def _basis(substitution: csr_array, masters: IntArray, interior: IntArray, groups: list[_Group]) -> csc_array:
-    """Null vectors on the masters, carried over to all interior points."""
-    n = substitution.shape[0]
-    alone = np.setdiff1d(masters, np.concatenate([[], *(g.masters for g in groups)]))
-    null = block_diag([diags_array(np.ones(len(alone))), *(g.null for g in groups)], format="csr")
-    place = np.concatenate([alone.astype(np.int64), *(g.masters for g in groups)])
-    spread = csr_array((np.ones(len(place)), (place, np.arange(len(place)))), shape=(n, len(place)))
-    basis = csc_array((substitution @ spread @ null)[interior])
-    basis.data[np.abs(basis.data) < ROUNDING] = 0.0
-    basis.eliminate_zeros()
-    basis.sort_indices()
-    return basis

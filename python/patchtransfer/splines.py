@@ -389,6 +389,26 @@ class Patch:
         """The same patch with the knots `new` added in direction `axis` (0 for u, 1 for v)."""
         return self._along(axis, lambda k, p, c: (*insert_knots(k, p, c, new), p))
 
+    def split_spans(self, parts: int = 2) -> Patch:
+        """The same patch with every knot span cut into `parts` equal ones."""
+        patch = self
+        for axis in (0, 1):
+            breaks = knot_spans(self.knots[axis])
+            inner = breaks[:-1, None] + np.diff(breaks)[:, None] * (np.arange(1, parts) / parts)
+            patch = patch.insert_knots(axis, inner.ravel())
+        return patch
+
+    def reduce_continuity(self, smoothness: int) -> Patch:
+        """The same patch with inner knots repeated until splines are only C^smoothness there."""
+        if smoothness < 0:
+            raise InputError(f"patches are continuous inside: smoothness must be 0 or more, got {smoothness}")
+        patch = self
+        for axis in (0, 1):
+            breaks, multiplicity = np.unique(self.knots[axis], return_counts=True)
+            missing = np.maximum(self.degrees[axis] - smoothness - multiplicity, 0)
+            patch = patch.insert_knots(axis, np.repeat(breaks[1:-1], missing[1:-1]))
+        return patch
+
     def elevate(self, by: int = 1) -> Patch:
         """The same patch with both degrees raised."""
 

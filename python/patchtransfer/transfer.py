@@ -26,6 +26,7 @@ from .continuity_report import check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError
 from .feasibility import check_corners, check_loops, check_target_corners
 from .fitting import SMOOTH, FittedBoundary, fit_boundary
+from .g1 import check_g1_space, g1_rows
 from .gluing import control_rows
 from .multipatch import Boundary, MultiPatch
 from .null_space import row_space
@@ -73,8 +74,10 @@ def transfer(
         Rows (xs, ys, xt, yt) of corresponding boundary points; see `register`.
     continuity : {"c0", "c1", "g1"}, default "c1"
         Continuity across patches: "c1" keeps C1 rows along interfaces, with the ratio of speeds that the C0 solution
-        has, and vertex rows at extraordinary vertices (paper Eq. 10-12); see ``docs/continuity.md``. "g1" is refused
-        in this version.
+        has, and vertex rows at extraordinary vertices (paper Eq. 10-12). "g1" is exact along whole interfaces
+        (analysis-suitable gluing) and needs splines with enough freedom: degree 3 or more, inner knots of C^(p - 2),
+        two spans where the degree is 3 (`MultiPatch.elevate`, `split_spans`, `reduce_continuity`). See
+        ``docs/continuity.md``.
     method : {"certified", "paper"}, default "certified"
         "certified" optimises the spline itself and proves the result. "paper" follows Xu, Xiao, Xu, Gu, CMES
         137(2), 2023: uniform fit, harmonic map on a triangulated control net, fold-over removal by bounded
@@ -132,20 +135,21 @@ class TransferPlan:
     Raises
     ------
     InputError
-        On a source that cannot be transferred: folded (naming the patch), rational, disconnected.
+        On a source that cannot be transferred: folded (naming the patch), rational, disconnected, or without the
+        freedom that "g1" needs.
     """
 
     def __init__(self, source: MultiPatch, continuity: str = "c1", *, reference: Sequence[Patch] | None = None) -> None:
         if continuity not in CONTINUITY:
             raise InputError(f"continuity must be one of {', '.join(CONTINUITY)}, got {continuity!r}")
-        if continuity == "g1":
-            raise InputError('continuity "g1" is not available in this version; use "c1"')
         if source.is_rational:
             rational = [k for k, patch in enumerate(source.patches) if patch.weights is not None]
             raise InputError(
                 f"patch {rational[0]} of the source is rational (NURBS); transfer needs polynomial B-splines: "
                 "approximate the source by B-splines first"
             )
+        if continuity == "g1":
+            check_g1_space(source)
         self.source = source
         self.continuity = continuity
         self.reference = reference
@@ -496,18 +500,29 @@ class TransferPlan:
                 progress=progress,
             )
         points, rows = found.points, None
-        if self._control and certificate.injective:
+        for level in self._levels if certificate.injective else ():
             with clock("continuity rows"):
                 points, certificate, under, rows = optimize_under_rows(
-                    topology, partial(self._rows, points), make, points, check, progress
+                    topology, partial(self._rows, level, points), make, points, check, progress, release=level == "c1"
                 )
             log += under
         return points, certificate, log, rows
 
+    @property
+    def _levels(self) -> tuple[str, ...]:
+        """Exact G1 follows the frames of a map with C1 rows."""
+        return CONTINUITY[1 : CONTINUITY.index(self.continuity) + 1]
+
     def _rows(
-        self, reference: FloatArray, released: Collection[Spoke] = (), without: Collection[int] = ()
+        self,
+        level: str,
+        reference: FloatArray,
+        released: Collection[Spoke] = (),
+        without: Collection[int] = (),
     ) -> ContinuityRows:
         """Continuity rows that follow the speeds and frames of a reference map."""
+        if level == "g1":
+            return g1_rows(self.source.topology, self._control, reference, without)
         return c1_rows(self.source.topology, self._control, reference, released, without)
 
     def _optimizer(
@@ -543,22 +558,22 @@ class TransferPlan:
         topology = self.source.topology
         mapped = paper_map(topology, start, stage=clock)
         certificate = self._certify(mapped.points, clock)
-        if not self._control:
-            return mapped.points, certificate, mapped.log, mapped.notes, None, mapped.history
-        with clock("continuity rows"):
+        log, space = list(mapped.log), None
+        for level in self._levels:
             # The rows follow speeds and frames: where this map is folded, those of the source.
             reference = mapped.points if certificate.injective else topology.coordinates
-            space = row_space(self._rows(reference), topology.interior_points, start)
-        under = paper_map(topology, space.project(start), space.basis, stage=clock)
-        proof = self._certify(under.points, clock)
-        log = [*mapped.log, *(f"under {len(space.rows)} rows, {line}" for line in under.log)]
-        if certificate.injective and not proof.injective:
-            log.append("the map under all rows is not injective: the one without rows is kept")
-            everything = frozenset(range(len(self.source.interfaces)))
-            space = row_space(self._rows(reference, (), everything), topology.interior_points, start)
-        else:
-            mapped, certificate = under, proof
-        rows = rows_summary(topology, space, mapped.points)
+            with clock("continuity rows"):
+                space = row_space(self._rows(level, reference), topology.interior_points, start)
+            under = paper_map(topology, space.project(start), space.basis, stage=clock)
+            proof = self._certify(under.points, clock)
+            log += [f"under {len(space.rows)} rows, {line}" for line in under.log]
+            if certificate.injective and not proof.injective:
+                log.append("the map under these rows is not injective: the one before is kept")
+                everything = frozenset(range(len(self.source.interfaces)))
+                space = row_space(self._rows(level, reference, (), everything), topology.interior_points, start)
+            else:
+                mapped, certificate = under, proof
+        rows = None if space is None else rows_summary(topology, space, mapped.points)
         return mapped.points, certificate, log, mapped.notes, rows, mapped.history
 
 
