@@ -13,7 +13,17 @@ from ..errors import InputError
 from ..multipatch import MultiPatch
 from ..splines import FloatArray
 from .c1_space import C1Space
-from .nodes import GeometryAt, ScalarFunction, SideNodes, all_nodes, geometry_at, sampled, sampled_vector
+from .nodes import (
+    GeometryAt,
+    ScalarFunction,
+    SideNodes,
+    all_nodes,
+    boundary_nodes,
+    geometry_at,
+    sampled,
+    sampled_vector,
+    sides_at,
+)
 from .norms import ErrorNorms, VectorFunction, error_norms
 from .poisson import sine, sine_gradient
 from .space import Field, SplineSpace
@@ -67,7 +77,7 @@ class BiharmonicResult:
     c1_residual : float
         Largest residual of the C¹ conditions (orthonormal rows), relative to the largest coefficient.
     residual : float
-        Residual of the linear system, relative to its largest term.
+        Residual of the linear system, relative to the largest sum of a row's terms.
     timings : dict
         Seconds per stage.
     """
@@ -202,7 +212,7 @@ def _fitted(
 ) -> FloatArray:
     """A C¹ field nearest to the given value and normal derivative on the boundary."""
     space = fields.space
-    sides = [SideNodes.gauss(space, mp, k, side, quadrature) for k, side in space.boundaries]
+    sides = sides_at(space, mp, boundary_nodes(space, mp, quadrature))
     spans = sum(len(space.bases[s.patch][s.side.axis].breaks) - 1 for s in sides)
     h = sum(float(s.ds.sum()) for s in sides) / spans
     rows, values = [], []
