@@ -41,6 +41,11 @@ def sine_hessian(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, 
     return -(np.pi**2) * sine(x, y), mixed, -(np.pi**2) * sine(x, y)
 
 
+def sine_double_laplacian(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Δ² of sin(πx) sin(πy)."""
+    return 4 * np.pi**4 * sine(x, y)
+
+
 def laplacian(at: GeometryAt) -> FloatArray:
     """Coefficients of Δφ = Σ_k c_k D_k φ over the derivatives `SECOND`, (5, m_u, m_v).
 
@@ -128,7 +133,7 @@ def biharmonic(
     mp : MultiPatch
         Polynomial and injective, patches of any orientation, with analysis-suitable G1 (AS-G1) interfaces.
     f : callable, optional
-        Right-hand side ``f(x, y)`` of arrays; default 4π⁴ sin(πx) sin(πy), whose solution is sin(πx) sin(πy).
+        Right-hand side ``f(x, y)`` of arrays; default 4π⁴ sin(πx) sin(πy), with the solution sin(πx) sin(πy).
     exact, gradient : callable, optional
         Known solution and its gradient (u_x, u_y): boundary data, and for errors. Without them the plate is clamped:
         both are zero on the boundary, and there are no errors.
@@ -169,9 +174,10 @@ def biharmonic(
             f"degree {p} with smoothness {r}: C¹ fields of full order need degree 3 or more and a smoothness of 1 to "
             "degree - 2"
         )
-    if f is None and exact is None:
-        exact, gradient, hessian = sine, sine_gradient, sine_hessian
-    f = (lambda x, y: 4 * np.pi**4 * sine(x, y)) if f is None else f
+    if f is None:
+        if exact is not None:
+            raise InputError("a known solution needs its right-hand side f = Δ² exact too")
+        f, exact, gradient, hessian = sine_double_laplacian, sine, sine_gradient, sine_hessian
     if exact is not None and gradient is None:
         raise InputError("the exact solution needs its gradient too: the normal derivative on the boundary is given")
     space = SplineSpace(mp, p, divisions=divisions, smoothness=r)

@@ -91,6 +91,8 @@ class PatchNodes:
     @classmethod
     def gauss(cls, space: SplineSpace, patch: Patch, k: int, count: int | None = None) -> PatchNodes:
         """Gauss nodes on every common span of field and geometry: per default the larger degree plus one."""
+        if count is not None and count < 1:
+            raise InputError(f"quadrature = {count}: at least one node per span is needed")
         own = [Univariate(*pair) for pair in zip(patch.knots, patch.degrees, strict=True)]
         t, w = [], []
         for a, b in zip(space.bases[k], own, strict=True):
