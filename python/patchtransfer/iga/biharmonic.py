@@ -13,7 +13,17 @@ from ..errors import InputError
 from ..multipatch import MultiPatch
 from ..splines import FloatArray
 from .c1_space import C1Space
-from .nodes import GeometryAt, ScalarFunction, SideNodes, all_nodes, geometry_at, sampled, sampled_vector
+from .nodes import (
+    GeometryAt,
+    ScalarFunction,
+    SideNodes,
+    all_nodes,
+    boundary_nodes,
+    geometry_at,
+    sampled,
+    sampled_vector,
+    sides_at,
+)
 from .norms import ErrorNorms, VectorFunction, error_norms
 from .poisson import sine, sine_gradient
 from .space import Field, SplineSpace
@@ -29,6 +39,11 @@ def sine_hessian(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, 
     """Second derivatives u_xx, u_xy, u_yy of sin(πx) sin(πy)."""
     mixed = np.pi**2 * np.cos(np.pi * x) * np.cos(np.pi * y)
     return -(np.pi**2) * sine(x, y), mixed, -(np.pi**2) * sine(x, y)
+
+
+def sine_double_laplacian(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Δ² of sin(πx) sin(πy)."""
+    return 4 * np.pi**4 * sine(x, y)
 
 
 def laplacian(at: GeometryAt) -> FloatArray:
@@ -67,7 +82,7 @@ class BiharmonicResult:
     c1_residual : float
         Largest residual of the C¹ conditions (orthonormal rows), relative to the largest coefficient.
     residual : float
-        Residual of the linear system, relative to its largest term.
+        Residual of the linear system, relative to the largest sum of a row's terms.
     timings : dict
         Seconds per stage.
     """
@@ -118,7 +133,7 @@ def biharmonic(
     mp : MultiPatch
         Polynomial and injective, patches of any orientation, with analysis-suitable G1 (AS-G1) interfaces.
     f : callable, optional
-        Right-hand side ``f(x, y)`` of arrays; default 4π⁴ sin(πx) sin(πy), whose solution is sin(πx) sin(πy).
+        Right-hand side ``f(x, y)`` of arrays; default 4π⁴ sin(πx) sin(πy), with the solution sin(πx) sin(πy).
     exact, gradient : callable, optional
         Known solution and its gradient (u_x, u_y): boundary data, and for errors. Without them the plate is clamped:
         both are zero on the boundary, and there are no errors.
@@ -159,9 +174,10 @@ def biharmonic(
             f"degree {p} with smoothness {r}: C¹ fields of full order need degree 3 or more and a smoothness of 1 to "
             "degree - 2"
         )
-    if f is None and exact is None:
-        exact, gradient, hessian = sine, sine_gradient, sine_hessian
-    f = (lambda x, y: 4 * np.pi**4 * sine(x, y)) if f is None else f
+    if f is None:
+        if exact is not None:
+            raise InputError("a known solution needs its right-hand side f = Δ² exact too")
+        f, exact, gradient, hessian = sine_double_laplacian, sine, sine_gradient, sine_hessian
     if exact is not None and gradient is None:
         raise InputError("the exact solution needs its gradient too: the normal derivative on the boundary is given")
     space = SplineSpace(mp, p, divisions=divisions, smoothness=r)
@@ -202,7 +218,7 @@ def _fitted(
 ) -> FloatArray:
     """A C¹ field nearest to the given value and normal derivative on the boundary."""
     space = fields.space
-    sides = [SideNodes.gauss(space, mp, k, side, quadrature) for k, side in space.boundaries]
+    sides = sides_at(space, mp, boundary_nodes(space, mp, quadrature))
     spans = sum(len(space.bases[s.patch][s.side.axis].breaks) - 1 for s in sides)
     h = sum(float(s.ds.sum()) for s in sides) / spans
     rows, values = [], []

@@ -139,10 +139,13 @@ def gluing_of(mp: MultiPatch, f: Interface) -> Gluing:
     geometry = _Geometry((rows[0], rows[1]), shared, (inner[0], inner[1]))
     p = rows[0].along.degree
     s, w = gauss(rows[0].breaks(), p + 4)
-    vectors = [v / max(float(np.hypot(*v.T).max()), 1e-300) for v in geometry.vectors(s)]
-    scales = [max(float(np.hypot(*v.T).max()), 1e-300) for v in geometry.vectors(s)]
+    vectors = geometry.vectors(s)
+    scales = [max(float(np.hypot(*v.T).max()), 1e-300) for v in vectors]
     linear, quadratic = np.stack([1 - s, s]), -_quadratic(s)
-    parts = [v[..., None] * b.T[:, None, :] for v, b in zip(vectors, (linear, linear, quadratic), strict=True)]
+    parts = [
+        v[..., None] / scale * b.T[:, None, :]
+        for v, scale, b in zip(vectors, scales, (linear, linear, quadratic), strict=True)
+    ]
     system = np.concatenate(parts, axis=2)
     _, sigma, vt = np.linalg.svd((system * np.sqrt(w)[:, None, None]).reshape(-1, 7), full_matrices=False)
     residual = float(sigma[-1] / sigma[0])

@@ -12,9 +12,22 @@ import numpy as np
 from ..errors import InputError
 from ..multipatch import MultiPatch, Side
 from ..splines import FloatArray, Patch
-from .space import Field, SplineSpace, Univariate
+from .space import SplineSpace, Univariate
 
-__all__ = ["GeometryAt", "PatchNodes", "ScalarFunction", "SideNodes", "sampled"]
+__all__ = [
+    "GeometryAt",
+    "PatchNodes",
+    "ScalarFunction",
+    "SideNodes",
+    "all_nodes",
+    "boundary_nodes",
+    "gauss",
+    "geometry_at",
+    "sampled",
+    "sampled_vector",
+    "sides_at",
+    "tables",
+]
 
 #: Arrays x, y of one shape to values of that shape (or a constant).
 ScalarFunction = Callable[[FloatArray, FloatArray], Any]
@@ -37,9 +50,15 @@ def tables(basis: Univariate, t: FloatArray) -> FloatArray:
     return _tables(basis.knots.tobytes(), basis.degree, t.tobytes())
 
 
+@lru_cache(maxsize=64)
+def _legendre(count: int) -> tuple[FloatArray, FloatArray]:
+    x, w = np.polynomial.legendre.leggauss(count)
+    return x, w
+
+
 def gauss(breaks: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """Gauss–Legendre nodes and weights, `count` on every span."""
-    x, w = np.polynomial.legendre.leggauss(count)
+    x, w = _legendre(count)
     half, middle = np.diff(breaks) / 2, (breaks[1:] + breaks[:-1]) / 2
     return (middle[:, None] + half[:, None] * x).ravel(), (half[:, None] * w).ravel()
 
@@ -72,6 +91,8 @@ class PatchNodes:
     @classmethod
     def gauss(cls, space: SplineSpace, patch: Patch, k: int, count: int | None = None) -> PatchNodes:
         """Gauss nodes on every common span of field and geometry: per default the larger degree plus one."""
+        if count is not None and count < 1:
+            raise InputError(f"quadrature = {count}: at least one node per span is needed")
         own = [Univariate(*pair) for pair in zip(patch.knots, patch.degrees, strict=True)]
         t, w = [], []
         for a, b in zip(space.bases[k], own, strict=True):
@@ -214,20 +235,14 @@ class SideNodes:
     ds: FloatArray
 
     @classmethod
-    def gauss(cls, space: SplineSpace, mp: MultiPatch, k: int, side: Side, count: int | None = None) -> SideNodes:
-        """Gauss nodes on every common span along the side: per default the larger degree plus one."""
+    def at(cls, nodes: PatchNodes, mp: MultiPatch, k: int, side: Side) -> SideNodes:
+        """The nodes of :func:`boundary_nodes` on the side of a model."""
         patch, along = mp.patches[k], side.axis
-        full = PatchNodes.gauss(space, patch, k, count)
-        own = [Univariate(*pair) for pair in zip(patch.knots, patch.degrees, strict=True)]
-        end = patch.knots[1 - along][-1 if side.at_end else 0]
-        t, w = [np.array([end])] * 2, [np.ones(1)] * 2
-        t[along], w[along] = full.t[along], full.weights[along]
-        nodes = PatchNodes._at(space, own, k, (t[0], t[1]), (w[0], w[1]))
         geometry = GeometryAt(nodes, patch, k, int(mp.topology.orientation[k]))
         speed = np.hypot(*geometry.jacobian[:, along]).ravel()
         if not speed.min() > SINGULAR * mp.diameter / np.ptp(patch.knots[along]):
             raise InputError(f"{side.name.lower()} side of patch {k} is degenerate: it has no length at some point")
-        return cls(k, side, nodes, geometry, speed * w[along])
+        return cls(k, side, nodes, geometry, speed * nodes.weights[along])
 
     @property
     def name(self) -> str:
@@ -289,12 +304,28 @@ def all_nodes(space: SplineSpace, mp: MultiPatch, count: int | None = None) -> l
     return [PatchNodes.gauss(space, patch, k, count) for k, patch in enumerate(mp.patches)]
 
 
+def boundary_nodes(space: SplineSpace, mp: MultiPatch, count: int | None = None) -> list[PatchNodes]:
+    """Gauss nodes on every boundary side, as grids of one row: per span the larger degree plus one per default."""
+    out = []
+    for k, side in space.boundaries:
+        patch, along = mp.patches[k], side.axis
+        full = PatchNodes.gauss(space, patch, k, count)
+        own = [Univariate(*pair) for pair in zip(patch.knots, patch.degrees, strict=True)]
+        end = patch.knots[1 - along][-1 if side.at_end else 0]
+        t, w = [np.array([end])] * 2, [np.ones(1)] * 2
+        t[along], w[along] = full.t[along], full.weights[along]
+        out.append(PatchNodes._at(space, own, k, (t[0], t[1]), (w[0], w[1])))
+    return out
+
+
+def sides_at(space: SplineSpace, mp: MultiPatch, nodes: list[PatchNodes]) -> list[SideNodes]:
+    """The boundary sides of a model at nodes of :func:`boundary_nodes`."""
+    return [SideNodes.at(n, mp, k, side) for n, (k, side) in zip(nodes, space.boundaries, strict=True)]
+
+
 def geometry_at(mp: MultiPatch, nodes: list[PatchNodes]) -> list[GeometryAt]:
     """The maps of all patches at their nodes."""
     orientation = mp.topology.orientation
     return [
         GeometryAt(n, patch, k, int(orientation[k])) for k, (n, patch) in enumerate(zip(nodes, mp.patches, strict=True))
     ]
-
-
-__all__ += ["Field", "all_nodes", "common_breaks", "gauss", "geometry_at", "sampled_vector", "tables"]

@@ -12,7 +12,7 @@ from scipy.sparse import csc_array
 from ..errors import InputError
 from ..multipatch import MultiPatch
 from ..splines import FloatArray
-from .nodes import GeometryAt, ScalarFunction, SideNodes, all_nodes, geometry_at, sampled
+from .nodes import GeometryAt, ScalarFunction, all_nodes, boundary_nodes, geometry_at, sampled, sides_at
 from .norms import ErrorNorms, VectorFunction, error_norms
 from .space import Field, SplineSpace
 from .system import Assembler, DefiniteSystem, boundary_fit
@@ -77,7 +77,7 @@ class PoissonResult:
     errors : ErrorNorms or None
         None when no exact solution is known.
     residual : float
-        Largest residual of the linear system, relative to its largest term.
+        Largest residual of the linear system, relative to the largest sum of a row's terms.
     timings : dict
         Seconds per stage.
     exact : callable or None
@@ -150,12 +150,10 @@ class PoissonSolver:
         knots: str = "auto",
         quadrature: int | None = None,
     ) -> None:
-        if quadrature is not None and quadrature < 1:
-            raise InputError(f"quadrature = {quadrature}: at least one node per span is needed")
         begin = time.perf_counter()
         self.space = SplineSpace(mp, degree, points, knots=knots)
-        self.quadrature = quadrature
         self.nodes = all_nodes(self.space, mp, quadrature)
+        self._boundary_nodes = boundary_nodes(self.space, mp, quadrature)
         self.assembler = Assembler(self.space, self.nodes)
         self._knots = [patch.knots for patch in mp.patches]
         self._degrees = [patch.degrees for patch in mp.patches]
@@ -179,8 +177,8 @@ class PoissonSolver:
         load = self.space.gather(
             [at.nodes.tested(at.dx * sampled(f, at.x, "right-hand side", f"patch {at.index}")) for at in maps]
         )
-        sides = [SideNodes.gauss(self.space, mp, k, side, self.quadrature) for k, side in self.space.boundaries]
-        return LinearSystem(values, load, boundary_fit(self.space, mp, sides, g))
+        sides = sides_at(self.space, mp, self._boundary_nodes)
+        return LinearSystem(values, load, boundary_fit(self.space, sides, g))
 
     def matrix(self, system: LinearSystem) -> csc_array:
         """Stiffness matrix of all unknowns, both triangles."""
@@ -225,9 +223,11 @@ def _problem(
 ) -> tuple[ScalarFunction, ScalarFunction, ScalarFunction | None, VectorFunction | None]:
     """Fill in what is not given: the paper's problem without f, boundary values of the exact solution, or zero."""
     if f is None:
-        if g is None and exact is None:
-            exact, gradient = sine, sine_gradient
+        if exact is not None:
+            raise InputError("a known solution needs its right-hand side f = −Δ exact too")
         f = sine_load
+        if g is None:
+            exact, gradient = sine, sine_gradient
     if g is None:
         g = exact if exact is not None else (lambda x, y: np.zeros_like(x))
     return f, g, exact, gradient

@@ -10,7 +10,6 @@ from scipy.sparse import coo_array, csc_array
 
 from .. import _core
 from ..errors import InputError
-from ..multipatch import MultiPatch
 from ..splines import FloatArray
 from .nodes import PatchNodes, ScalarFunction, SideNodes, sampled
 from .space import IntArray, SplineSpace
@@ -110,7 +109,7 @@ class DefiniteSystem:
         -------
         x : (n,) array
         residual : float
-            Largest residual of a free row, relative to the largest term of the rows.
+            Largest residual of a free row, relative to the largest sum of a row's absolute terms.
         """
         upper = csc_array((values, self.indices, self.indptr), shape=(self.size, self.size))
         diagonal = upper.diagonal()
@@ -127,12 +126,13 @@ class DefiniteSystem:
                 raise InputError(f"the system cannot be solved: {error} (is the geometry nearly singular?)") from None
             x[self.free] = self._factor.solve(rhs)
         gap = float(np.abs((product(x) - load)[self.free]).max(initial=0.0))
-        terms = np.concatenate([np.abs(diagonal * x)[self.free], np.abs(rhs)])
-        scale = float(terms.max(initial=0.0))
+        # Relative to the sums of the rows' absolute terms, which rounding is relative to.
+        size, absolute = np.abs(x), abs(upper)
+        scale = float((absolute @ size + absolute.T @ size)[self.free].max(initial=0.0))
         return x, gap / scale if scale > 0 else 0.0
 
 
-def boundary_fit(space: SplineSpace, mp: MultiPatch, sides: list[SideNodes], g: ScalarFunction) -> FloatArray:
+def boundary_fit(space: SplineSpace, sides: list[SideNodes], g: ScalarFunction) -> FloatArray:
     """Coefficients whose trace is the best approximation of g in L² on the boundary, zero inside.
 
     One system for all sides: at the joints of a loop the sides share a coefficient.
