@@ -1,4 +1,4 @@
-"""Command line: ``patchtransfer transfer | build | check | plot | poisson | morph | examples``.
+"""Command line: ``patchtransfer transfer | build | check | plot | poisson | morph | batch | examples``.
 
 Exit status: 0 a certified result (or model), 1 not certified, 2 bad input or an infeasible target. Nothing is
 written with status 2, nor with 1 unless ``--keep-uncertified``.
@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from . import __version__
+from .cli_batch import batch
 from .cli_morph import morph
 from .cli_poisson import poisson
 from .errors import InputError, NotCertifiedError, TransferError
@@ -412,6 +413,7 @@ def examples(name: str | None, output: str | None) -> None:
     _warn(result.warnings)
 
 
+main.add_command(batch)
 main.add_command(morph)
 
 if __name__ == "__main__":
