@@ -4,13 +4,20 @@
 
 mod arcs;
 mod assembly;
+mod axis;
 pub mod barrier;
 pub mod bernstein;
+mod coarse;
 pub mod elements;
+mod evaluation;
 pub mod injectivity;
+mod kernel;
+mod lanes;
 pub mod laplacian;
 pub mod local_global;
+mod newton;
 pub mod optimizer;
+mod ordering;
 pub mod outline;
 pub mod quadrature;
 pub mod simple_loops;
