@@ -130,8 +130,8 @@ class SciPyOptimizer:
         a = self.entries(x)
         return float(self.weight @ (a[0] * a[3] - a[1] * a[2])) ** -0.5
 
-    def step(self, x: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
-        """One projected Newton step with line search from a feasible map, and its relative decrement."""
+    def derivatives(self, x: np.ndarray, scale: float) -> tuple[np.ndarray, sp.csc_array]:
+        """Gradient and projected Hessian of the energy, all x before all y."""
         a = scale * self.entries(x)
         det = a[0] * a[3] - a[1] * a[2]
         by_det = np.stack([a[3], -a[2], -a[1], a[0]])
@@ -149,7 +149,11 @@ class SciPyOptimizer:
         blocks = np.einsum("nik,nk,njk->ijn", vector, value, vector)
         middle = sp.csr_array((blocks.ravel(), (self._rows, self._columns)))
         system = sp.csc_array(self.jacobian.T @ middle @ self.jacobian) * scale**2
-        rhs = scale * (self.jacobian.T @ gradient.ravel())
+        return scale * (self.jacobian.T @ gradient.ravel()), system
+
+    def step(self, x: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
+        """One projected Newton step with line search from a feasible map, and its relative decrement."""
+        rhs, system = self.derivatives(x, scale)
         direction = -splu(system, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(rhs)
         slope, energy, length = float(rhs @ direction), self.energy(x, scale), 1.0
         while True:

@@ -1,24 +1,63 @@
-//! Where element matrices go: the sparsity of the Hessian over the free points, and over the coordinates of a basis.
+//! Where strips' matrices go: the sparsity of the Hessian over the free points, and over the coordinates of a basis.
 
-use crate::elements::Elements;
-use crate::sparse::CscMatrix;
+use crate::elements::{Elements, Strip};
+use crate::kernel::Buffers;
+use crate::sparse::{CooMatrix, CscMatrix, congruence, upper_triangle};
 
 /// Index of fixed points, and of pairs of functions with one: nothing to add.
 pub(crate) const NOWHERE: u32 = u32::MAX;
+
+/// How the block of functions f, g goes to that of their points r, s; only r ≤ s is stored.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Ordered = 0,
+    /// r > s: the block's transpose.
+    Swapped = 1,
+    /// f = g.
+    Diagonal = 2,
+    /// r = s for different functions: the block and its transpose.
+    Glued = 3,
+}
 
 /// Sparsity of the Hessian of points with two components, and where every pair of functions goes.
 pub(crate) struct Assembly {
     /// Free index of every shared point.
     pub free_of: Vec<u32>,
+    /// Per point: `columns[s]..columns[s + 1]` of `neighbours`, the free points r ≤ s it shares a span with.
+    pub columns: Vec<usize>,
+    pub neighbours: Vec<u32>,
     /// Column offsets and row indices of the upper triangle, x and y interleaved.
     pub offsets: Vec<usize>,
     pub rows: Vec<usize>,
-    /// Per element and pair of functions: position of the 2x2 block's first entry.
-    targets: Vec<u32>,
-    /// Start of every element's targets.
-    starts: Vec<usize>,
-    /// Length of the first of the two columns of every free point.
-    column: Vec<u32>,
+    /// Per strip, in the order of [`Buffers::rows`]: index among the neighbours.
+    targets: Vec<Vec<u32>>,
+    /// Per strip and function: free index.
+    free: Vec<Vec<u32>>,
+}
+
+/// Pairs of functions (f, g) of a strip in the order of its rows, each once, with their place there.
+fn for_each_pair(elements: &Elements, s: usize, mut visit: impl FnMut(usize, usize, usize)) {
+    let (strip, nodes) = (&elements.strips[s], &elements.nodes[s]);
+    let (u, v) = (&elements.axes[nodes.u], &elements.axes[nodes.v]);
+    let [n_u, n_v] = strip.shape;
+    let width = 2 * u.n - 1;
+    for j in 0..n_v {
+        for dj in (0..v.n.min(n_v - j)).filter(|dj| v.overlap(j, j + dj)) {
+            for i in 0..n_u {
+                for di in 0..width {
+                    let (other, back) = (i + di + 1, u.n);
+                    if other < back || other - back >= n_u || (dj == 0 && other - back < i) {
+                        continue;
+                    }
+                    let other = other - back;
+                    if u.overlap(i, other) {
+                        let place = ((j * v.n + dj) * n_u + i) * width + di;
+                        visit(j * n_u + i, (j + dj) * n_u + other, place);
+                    }
+                }
+            }
+        }
+    }
 }
 
 impl Assembly {
@@ -28,19 +67,29 @@ impl Assembly {
             free_of[p] = i as u32;
         }
         let n = free.len();
-        let mut neighbours: Vec<Vec<u32>> = vec![vec![]; n];
-        for e in 0..elements.len() {
-            let local: Vec<u32> = elements.points_of(e).iter().map(|&p| free_of[p as usize]).collect();
-            for &s in local.iter().filter(|&&s| s != NOWHERE) {
-                neighbours[s as usize].extend(local.iter().filter(|&&r| r <= s));
-            }
+        let local: Vec<Vec<u32>> =
+            elements.strips.iter().map(|s| s.points.iter().map(|&p| free_of[p as usize]).collect()).collect();
+        let mut lists: Vec<Vec<u32>> = vec![vec![]; n];
+        for (s, local) in local.iter().enumerate() {
+            for_each_pair(elements, s, |f, g, _| {
+                let (r, s) = (local[f].min(local[g]), local[f].max(local[g]));
+                if s != NOWHERE {
+                    lists[s as usize].push(r);
+                }
+            });
         }
-        let (mut offsets, mut rows, mut column) = (vec![0], vec![], vec![]);
-        for (s, list) in neighbours.iter_mut().enumerate() {
+        let (mut columns, mut neighbours) = (vec![0], vec![]);
+        for list in &mut lists {
             list.sort_unstable();
             list.dedup();
+            neighbours.extend_from_slice(list);
+            columns.push(neighbours.len());
+        }
+        drop(lists);
+        let (mut offsets, mut rows) = (vec![0], Vec::with_capacity(4 * neighbours.len()));
+        for s in 0..n {
             for component in 0..2 {
-                for &r in list.iter() {
+                for &r in &neighbours[columns[s]..columns[s + 1]] {
                     rows.push(2 * r as usize);
                     if (r as usize) < s || component == 1 {
                         rows.push(2 * r as usize + 1);
@@ -48,62 +97,102 @@ impl Assembly {
                 }
                 offsets.push(rows.len());
             }
-            column.push((offsets[2 * s + 1] - offsets[2 * s]) as u32);
         }
-        let (mut targets, mut starts) = (vec![], vec![0]);
-        for e in 0..elements.len() {
-            let local: Vec<u32> = elements.points_of(e).iter().map(|&p| free_of[p as usize]).collect();
-            for &f in &local {
-                for &g in &local {
-                    let (r, s) = (f.min(g), f.max(g));
-                    targets.push(if s == NOWHERE {
-                        NOWHERE
-                    } else {
-                        let at = neighbours[s as usize].binary_search(&r).expect("pair is in the pattern");
-                        (offsets[2 * s as usize] + 2 * at) as u32
-                    });
+        let targets = local.iter().enumerate().map(|(s, local)| {
+            let (strip, nodes) = (&elements.strips[s], &elements.nodes[s]);
+            let (u, v) = (&elements.axes[nodes.u], &elements.axes[nodes.v]);
+            let mut out = vec![NOWHERE; strip.shape[1] * v.n * strip.shape[0] * (2 * u.n - 1)];
+            for_each_pair(elements, s, |f, g, place| {
+                let (r, s) = (local[f].min(local[g]), local[f].max(local[g]));
+                if s != NOWHERE {
+                    let list = &neighbours[columns[s as usize]..columns[s as usize + 1]];
+                    let at = list.binary_search(&r).expect("pair is in the pattern") as u32;
+                    let kind = match (f == g, local[f].cmp(&local[g])) {
+                        (true, _) => Kind::Diagonal,
+                        (_, std::cmp::Ordering::Less) => Kind::Ordered,
+                        (_, std::cmp::Ordering::Greater) => Kind::Swapped,
+                        (_, std::cmp::Ordering::Equal) => Kind::Glued,
+                    };
+                    out[place] = at * 4 + kind as u32;
                 }
-            }
-            starts.push(targets.len());
-        }
-        Self { free_of, offsets, rows, targets, starts, column }
+            });
+            out
+        });
+        let targets = targets.collect();
+        Self { free_of, columns, neighbours, offsets, rows, targets, free: local }
     }
 
-    /// Add an element matrix (layout of [`Elements::contract_hessian`]) to the global values.
-    pub fn scatter(
+    /// Call `visit(place, s, index of r in the list of s, kind)` for the pairs of a strip that count.
+    #[inline(always)]
+    fn for_each_target(
         &self,
-        e: usize,
-        points: &[u32],
-        (nu, nv): (usize, usize),
-        block: &[f64],
-        values: &mut [f64],
+        s: usize,
+        strip: &Strip,
+        elements: &Elements,
+        mut visit: impl FnMut(usize, u32, u32, u32),
     ) {
-        let (n, targets) = (nu * nv, &self.targets[self.starts[e]..self.starts[e + 1]]);
-        for b in 0..nv {
-            for b2 in b..nv {
-                let base = (b * nv + b2) * 4 * nu * nu;
-                for a in 0..nu {
-                    for a2 in if b == b2 { a..nu } else { 0..nu } {
-                        let (f, g) = (a * nv + b, a2 * nv + b2);
-                        let at = targets[f * n + g];
-                        if at == NOWHERE {
-                            continue;
-                        }
-                        let (r, s) = (self.free_of[points[f] as usize], self.free_of[points[g] as usize]);
-                        let k = base + a * nu + a2;
-                        let [xx, xy, yx, yy] = std::array::from_fn(|cd| block[k + cd * nu * nu]);
-                        // The block of (r, s) stands at the larger point's columns; transpose if they are swapped.
-                        let (xy, yx) = if r <= s { (xy, yx) } else { (yx, xy) };
-                        let (first, second) =
-                            (at as usize, at as usize + self.column[r.max(s) as usize] as usize);
-                        values[first] += xx;
-                        values[second] += xy;
-                        values[second + 1] += yy;
-                        if r != s {
-                            values[first + 1] += yx;
+        let nodes = &elements.nodes[s];
+        let (n, m) = (elements.axes[nodes.v].n, elements.axes[nodes.u].n);
+        let (free, targets, width, [n_u, n_v]) = (&self.free[s], &self.targets[s], 2 * m - 1, strip.shape);
+        for j in 0..n_v {
+            for dj in 0..n.min(n_v - j) {
+                let base = (j * n + dj) * n_u * width;
+                for i in 0..n_u {
+                    let f = free[j * n_u + i];
+                    if f == NOWHERE {
+                        continue;
+                    }
+                    let (from, to) = (i.saturating_sub(m - 1), (i + m).min(n_u));
+                    let place = base + i * width + from + m - 1 - i;
+                    let list = &targets[place..place + to - from];
+                    let others = &free[(j + dj) * n_u + from..(j + dj) * n_u + to];
+                    for (k, (&target, &g)) in list.iter().zip(others).enumerate() {
+                        if target != NOWHERE {
+                            visit(place + k, f.max(g), target / 4, target % 4);
                         }
                     }
                 }
+            }
+        }
+    }
+
+    /// Add a strip's matrix to the values of the upper triangle.
+    pub fn scatter(&self, s: usize, elements: &Elements, buffers: &Buffers, values: &mut [f64]) {
+        self.for_each_target(s, &elements.strips[s], elements, |place, column, at, kind| {
+            let block: &[f64; 4] = buffers.rows[4 * place..].first_chunk().expect("four components");
+            let [xx, mut xy, mut yx, yy] = *block;
+            let column = 2 * column as usize;
+            let first = self.offsets[column] + 2 * at as usize;
+            let second = self.offsets[column + 1] + 2 * at as usize;
+            let mut twice = 1.0;
+            if kind == Kind::Swapped as u32 {
+                (xy, yx) = (yx, xy);
+            } else if kind == Kind::Glued as u32 {
+                (xy, twice) = (xy + yx, 2.0);
+            }
+            values[first] += twice * xx;
+            values[second] += xy;
+            values[second + 1] += twice * yy;
+            if kind < Kind::Diagonal as u32 {
+                values[first + 1] += yx;
+            }
+        });
+    }
+
+    /// Add a strip's scalar matrix to the values of the upper triangle over the points ([`Self::columns`]).
+    pub fn scatter_scalar(&self, s: usize, elements: &Elements, buffers: &Buffers, values: &mut [f64]) {
+        self.for_each_target(s, &elements.strips[s], elements, |place, column, at, kind| {
+            let twice = if kind == Kind::Glued as u32 { 2.0 } else { 1.0 };
+            values[self.columns[column as usize] + at as usize] += twice * buffers.rows[place];
+        });
+    }
+
+    /// Add a strip's gradient.
+    pub fn scatter_gradient(&self, s: usize, buffers: &Buffers, gradient: &mut [f64]) {
+        for (&f, g) in self.free[s].iter().zip(&buffers.gradient) {
+            if f != NOWHERE {
+                gradient[2 * f as usize] += g[0];
+                gradient[2 * f as usize + 1] += g[1];
             }
         }
     }
@@ -163,5 +252,44 @@ impl Reduced {
         }
         let values = rows.len();
         (Self { z, map, values }, offsets, rows)
+    }
+
+    /// `Zᵀ g` for a gradient over the free points, components interleaved.
+    pub fn gather(&self, full: &[f64], out: &mut [f64]) {
+        out.fill(0.0);
+        for (i, j, &w) in self.z.triplet_iter() {
+            for c in 0..2 {
+                out[2 * j + c] += w * full[2 * i + c];
+            }
+        }
+    }
+
+    /// Values of `Zᵀ H Z` from those of H.
+    pub fn congruence(&self, full: &[f64], out: &mut [f64]) {
+        out.fill(0.0);
+        for &(to, from, w) in &self.map {
+            out[to as usize] += w * full[from as usize];
+        }
+    }
+
+    /// `Zᵀ K Z` of a scalar matrix over the free points: column offsets, rows and values of the upper triangle.
+    pub fn scalar_congruence(
+        &self,
+        assembly: &Assembly,
+        values: &[f64],
+    ) -> (Vec<usize>, Vec<usize>, Vec<f64>) {
+        let n = self.z.nrows();
+        let mut k = CooMatrix::new(n, n);
+        for s in 0..n {
+            for at in assembly.columns[s]..assembly.columns[s + 1] {
+                let r = assembly.neighbours[at] as usize;
+                k.push(r, s, values[at]);
+                if r != s {
+                    k.push(s, r, values[at]);
+                }
+            }
+        }
+        let upper = upper_triangle(&congruence(&CscMatrix::from(&k), &self.z));
+        (upper.col_offsets().to_vec(), upper.row_indices().to_vec(), upper.values().to_vec())
     }
 }

@@ -8,6 +8,7 @@
 use rayon::prelude::*;
 
 use crate::barrier::{self, HessianKind, PACKED};
+use crate::lanes::Lanes;
 use crate::laplacian::{FaceGeometry, MeshError};
 use crate::sparse::{Cholesky, CooMatrix, CscMatrix, congruence, upper_triangle};
 
@@ -113,7 +114,8 @@ impl DistortionDescent {
                 for (i, &t) in triangles.iter().enumerate() {
                     let face = chunk * CHUNK + i;
                     let j = self.geometry.jacobian(face, t, u);
-                    let (e, det) = barrier::energy(j, EPS, 0.0);
+                    let (e, det) = barrier::energy(&j.map(Lanes::splat), EPS, 0.0);
+                    let (e, det) = (e.first(), det.first());
                     sum += if det > 0.0 { self.geometry.areas[face] * e } else { f64::INFINITY };
                 }
                 sum
@@ -194,7 +196,8 @@ impl DistortionDescent {
             .map(|face| {
                 let j = geometry.jacobian(face, triangles[face], u);
                 let weight = geometry.areas[face] / self.total_area;
-                face_hessian(&geometry.gradients[face], &barrier::hessian(j, EPS, 0.0, kind), weight)
+                let hessian = barrier::hessian(&j.map(Lanes::splat), EPS, 0.0, kind).map(Lanes::first);
+                face_hessian(&geometry.gradients[face], &hessian, weight)
             })
             .collect();
         let values = self.pattern.values_mut();
@@ -253,7 +256,8 @@ impl DistortionDescent {
 fn loop_free_gradient(descent: &DistortionDescent, u: &[[f64; 2]]) -> (Vec<f64>, Vec<f64>) {
     let mut gradient = vec![0.0; 2 * descent.free.len()];
     for (face, &t) in descent.triangles.iter().enumerate() {
-        let by_j = barrier::gradient(descent.geometry.jacobian(face, t, u), EPS, 0.0).2;
+        let j = descent.geometry.jacobian(face, t, u).map(Lanes::splat);
+        let by_j = barrier::gradient(&j, EPS, 0.0).2.map(Lanes::first);
         let weight = descent.geometry.areas[face] / descent.total_area;
         for (corner, g) in descent.geometry.gradients[face].iter().enumerate() {
             if let Some(i) = descent.number[t[corner]] {

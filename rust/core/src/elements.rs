@@ -1,12 +1,16 @@
-//! Knot spans of a multi-patch as elements: sum-factorised Jacobians, gradients and Hessians at their nodes.
+//! Knot spans of a multi-patch gathered in strips, with the reference map at their nodes.
 //!
-//! The tensor structure is used inside every element: interpolation and its transpose run one direction after the
-//! other, which costs a third of the plain triple loop for bicubic patches.
+//! A strip is a few spans of a patch in the first direction by all its spans in the second (or a single additional
+//! node): wide enough for vector units, small enough for the cache, and the unit of parallel work.
 
-use crate::quadrature::lobatto;
-use crate::spline::{SplinePatch, basis_on_span, spans};
-use rayon::prelude::*;
+use crate::axis::{Axis, Sampling, jacobians, span_of};
+use crate::lanes::WIDTH;
+use crate::quadrature::{gauss, lobatto};
+use crate::spline::{SplinePatch, spans};
 use thiserror::Error;
+
+/// Spans of a strip in the first direction at most.
+const STRIP: usize = 8;
 
 /// Why elements cannot be built.
 #[derive(Debug, Error, Clone, PartialEq)]
@@ -25,75 +29,55 @@ pub enum ElementError {
     },
 }
 
-/// Basis functions and derivatives at the nodes of one span (or at one extra node) in one direction.
-struct Table {
-    /// Number of nodes.
-    m: usize,
-    /// Functions that live on the span: degree + 1.
-    n: usize,
-    /// `values[node * n + function]`.
-    values: Vec<f64>,
-    /// Derivatives, laid out like the values.
-    slopes: Vec<f64>,
-    /// `products[kl][node * n * n + a * n + b]` with k, l in {derivative = 0, value = 1} for functions a, b.
-    products: [Vec<f64>; 4],
-}
-
-impl Table {
-    fn new(knots: &[f64], degree: usize, span: usize, nodes: &[f64]) -> Self {
-        let (m, n) = (nodes.len(), degree + 1);
-        let (mut values, mut slopes) = (vec![0.0; m * n], vec![0.0; m * n]);
-        for (i, &t) in nodes.iter().enumerate() {
-            basis_on_span(knots, degree, span, t, &mut values[i * n..][..n], &mut slopes[i * n..][..n]);
-        }
-        let product = |x: &[f64], y: &[f64]| -> Vec<f64> {
-            (0..m * n * n).map(|k| x[k / (n * n) * n + k / n % n] * y[k / (n * n) * n + k % n]).collect()
-        };
-        let products = [
-            product(&slopes, &slopes),
-            product(&slopes, &values),
-            product(&values, &slopes),
-            product(&values, &values),
-        ];
-        Self { m, n, values, slopes, products }
-    }
-}
-
-/// One knot span (or one extra node) of a patch.
-struct Element {
-    table_u: usize,
-    table_v: usize,
-    /// Offset of its `n_u * n_v` point indices.
-    points: usize,
-    /// Offset of its nodes, `[j * m_u + i]`.
-    nodes: usize,
-}
-
-/// Reference data of a node: the inverse of the reference Jacobian, row-major, and the weight (0: left out).
-#[derive(Clone, Copy, Default)]
-struct Node {
-    inverse: [f64; 4],
-    weight: f64,
-}
-
 /// An additional node, (patch, u, v).
 pub type ExtraNode = (usize, f64, f64);
 
-/// All elements of a multi-patch.
-pub struct Elements {
-    tables: Vec<Table>,
-    elements: Vec<Element>,
-    points: Vec<u32>,
-    nodes: Vec<Node>,
+/// Part of a patch: which points its functions belong to.
+pub(crate) struct Strip {
+    pub patch: usize,
+    /// Functions in the first and second direction.
+    pub shape: [usize; 2],
+    /// Point of function (i, j), `[j * shape[0] + i]`.
+    pub points: Vec<u32>,
 }
 
-/// Memory for the evaluation of one element.
-#[derive(Default)]
-pub struct Scratch {
-    half: Vec<f64>,
-    jacobians: Vec<[f64; 4]>,
-    stage: Vec<f64>,
+/// Nodes of a strip under one quadrature rule.
+#[derive(Clone)]
+pub(crate) struct Nodes {
+    /// Index of the axes.
+    pub u: usize,
+    pub v: usize,
+    /// Nodes in a row, rounded up to whole [`crate::lanes::Lanes`].
+    pub columns: usize,
+    /// `[(row * 5 + k) * columns + column]`: k < 4 the inverse of the reference Jacobian row by row, k = 4 the
+    /// weight; all zero where a node is left out or only fills up.
+    pub planes: Vec<f64>,
+    /// `[(row * 4 + k) * columns + column]`: Jacobian of the map that is added to; empty for none.
+    pub base: Vec<f64>,
 }
+
+/// A spline space to move points in: the knots of every patch and the points its functions belong to.
+pub(crate) struct Space<'a> {
+    pub knots: &'a [[Vec<f64>; 2]],
+    /// Per patch, function (i, j) at `[i * n_v + j]`.
+    pub indices: &'a [Vec<u32>],
+}
+
+/// All strips of a multi-patch.
+pub struct Elements {
+    pub(crate) axes: Vec<Axis>,
+    pub(crate) strips: Vec<Strip>,
+    /// Gauss–Lobatto nodes of the strips: energy, gradient, determinants, and by default the Hessian.
+    pub(crate) nodes: Vec<Nodes>,
+    /// Other nodes for the Hessian.
+    pub(crate) hessian_nodes: Option<Vec<Nodes>>,
+    /// Where the nodes lie in the spline space of the reference map, for [`Self::set_base`].
+    samplings: Vec<[Sampling; 2]>,
+    n_points: usize,
+}
+
+/// Quadrature of one direction: nodes and weights on [-1, 1].
+type Rule = (Vec<f64>, Vec<f64>);
 
 impl Elements {
     /// Elements on Gauss–Lobatto nodes, `nodes_per_span(degree)` a direction.
@@ -108,381 +92,220 @@ impl Elements {
         extra: &[ExtraNode],
         excluded: &[(usize, usize)],
     ) -> Result<Self, ElementError> {
-        let mut out = Self { tables: vec![], elements: vec![], points: vec![], nodes: vec![] };
+        let knots: Vec<[Vec<f64>; 2]> = reference.iter().map(|p| p.knots.clone()).collect();
+        let space = Space { knots: &knots, indices };
+        Self::on_space(reference, &space, nodes_per_span, extra, excluded)
+    }
+
+    /// Like [`Self::new`] for movements in a coarser spline space.
+    pub(crate) fn on_space(
+        reference: &[SplinePatch],
+        space: &Space,
+        nodes_per_span: impl Fn(usize) -> usize,
+        extra: &[ExtraNode],
+        excluded: &[(usize, usize)],
+    ) -> Result<Self, ElementError> {
+        let n_points = space.indices.iter().flatten().max().map_or(0, |&i| i as usize + 1);
+        let mut out = Self::empty(n_points);
         for (k, patch) in reference.iter().enumerate() {
-            let mut directions = vec![];
-            for axis in 0..2 {
-                let (knots, degree) = (&patch.knots[axis], patch.degrees[axis]);
-                let (x, w) = lobatto(nodes_per_span(degree));
-                let mut list = vec![];
-                for s in spans(knots, degree) {
-                    let (a, b) = (knots[s], knots[s + 1]);
-                    // End nodes are the knots themselves, to the bit.
-                    let mut t: Vec<f64> = x.iter().map(|x| 0.5 * ((a + b) + (b - a) * x)).collect();
-                    (t[0], *t.last_mut().expect("two nodes")) = (a, b);
-                    let weights: Vec<f64> = w.iter().map(|w| 0.5 * (b - a) * w).collect();
-                    out.tables.push(Table::new(knots, degree, s, &t));
-                    list.push((s, out.tables.len() - 1, t, weights));
-                }
-                directions.push(list);
-            }
-            for (su, table_u, tu, wu) in &directions[0] {
-                for (sv, table_v, tv, wv) in &directions[1] {
-                    let skip = |u: f64, v: f64| {
-                        let end = |axis: usize, t: f64| {
-                            let (a, b) =
-                                (patch.knots[axis][0], patch.knots[axis][patch.knots[axis].len() - 1]);
-                            if t == a { Some(0) } else { (t == b).then_some(1) }
-                        };
-                        end(0, u).zip(end(1, v)).is_some_and(|(cu, cv)| excluded.contains(&(k, cu + 2 * cv)))
-                    };
-                    let weight = |i: usize, j: usize| wu[i] * wv[j];
-                    out.push(patch, k, &indices[k], (*su, *table_u, tu), (*sv, *table_v, tv), weight, skip)?;
-                }
-            }
+            let rule = |degree: usize| lobatto(nodes_per_span(degree));
+            let ends: [[f64; 2]; 2] =
+                std::array::from_fn(|a| [patch.knots[a][0], patch.knots[a][patch.knots[a].len() - 1]]);
+            let skip = |u: f64, v: f64| {
+                let end = |axis: usize, t: f64| ends[axis].iter().position(|&e| e == t);
+                end(0, u).zip(end(1, v)).is_some_and(|(cu, cv)| excluded.contains(&(k, cu + 2 * cv)))
+            };
+            out.push_patch(patch, k, space, rule, skip)?;
         }
-        let used = out.nodes.iter().filter(|n| n.weight > 0.0).count().max(1);
-        let extra_weight = 0.3 * out.nodes.iter().map(|n| n.weight).sum::<f64>() / used as f64;
+        let weights = |nodes: &[Nodes]| -> (f64, usize) {
+            let rows =
+                nodes.iter().flat_map(|n| n.planes.chunks_exact(5 * n.columns).map(|r| &r[4 * n.columns..]));
+            rows.flatten().fold((0.0, 0), |(sum, count), &w| (sum + w, count + usize::from(w > 0.0)))
+        };
+        let (total, used) = weights(&out.nodes);
+        let extra_weight = 0.3 * total / used.max(1) as f64;
         for &(k, u, v) in extra {
             let patch = &reference[k];
-            let place = |axis: usize, t: f64| {
-                let (knots, degree) = (&patch.knots[axis], patch.degrees[axis]);
-                *spans(knots, degree).iter().rev().find(|&&s| knots[s] <= t).unwrap_or(&degree)
-            };
-            let (su, sv) = (place(0, u), place(1, v));
-            let tables = out.tables.len();
-            out.tables.push(Table::new(&patch.knots[0], patch.degrees[0], su, &[u]));
-            out.tables.push(Table::new(&patch.knots[1], patch.degrees[1], sv, &[v]));
-            out.push(
-                patch,
-                k,
-                &indices[k],
-                (su, tables, &[u]),
-                (sv, tables + 1, &[v]),
-                |_, _| 1.0,
-                |_, _| false,
-            )?;
-            out.nodes.last_mut().expect("just pushed").weight = extra_weight;
+            let span = |axis: usize, t: f64| span_of(&space.knots[k][axis], patch.degrees[axis], t, false);
+            out.push(patch, k, space, [&[span(0, u)], &[span(1, v)]], [&[u], &[v]], |_, _, _| extra_weight)?;
         }
-        let total: f64 = out.nodes.iter().map(|n| n.weight).sum();
-        out.nodes.iter_mut().for_each(|n| n.weight /= total);
+        let (total, _) = weights(&out.nodes);
+        out.nodes.iter_mut().for_each(|n| n.scale_weights(1.0 / total));
         Ok(out)
     }
 
-    #[allow(clippy::too_many_arguments)]
+    /// Integrate the Hessian on fewer, Gauss–Legendre nodes: `degree + 1` a span and direction.
+    pub(crate) fn use_gauss_hessian(&mut self, reference: &[SplinePatch], space: &Space) {
+        let mut other = Self::empty(self.n_points);
+        for (k, patch) in reference.iter().enumerate() {
+            // Singular where no Lobatto node is: such a node is left out, the energy decides.
+            let rule = |degree: usize| gauss(degree + 1);
+            if other.push_patch(patch, k, space, rule, |_, _| false).is_err() {
+                return;
+            }
+        }
+        let sum = |nodes: &[Nodes]| -> f64 {
+            nodes
+                .iter()
+                .flat_map(|n| n.planes.chunks_exact(5 * n.columns).map(|r| &r[4 * n.columns..]))
+                .flatten()
+                .sum()
+        };
+        let factor = sum(&self.nodes[..other.nodes.len()]) / sum(&other.nodes);
+        let shift = self.axes.len();
+        let mut nodes = other.nodes;
+        for n in &mut nodes {
+            n.scale_weights(factor);
+            (n.u, n.v) = (n.u + shift, n.v + shift);
+        }
+        nodes.extend_from_slice(&self.nodes[nodes.len()..]);
+        self.axes.extend(other.axes);
+        self.hessian_nodes = Some(nodes);
+        self.samplings.extend(other.samplings);
+    }
+
+    fn empty(n_points: usize) -> Self {
+        Self { axes: vec![], strips: vec![], nodes: vec![], hessian_nodes: None, samplings: vec![], n_points }
+    }
+
+    fn push_patch(
+        &mut self,
+        patch: &SplinePatch,
+        k: usize,
+        space: &Space,
+        rule: impl Fn(usize) -> Rule,
+        skip: impl Fn(f64, f64) -> bool,
+    ) -> Result<(), ElementError> {
+        let [(spans_u, u, wu), (spans_v, v, wv)] = std::array::from_fn(|axis| {
+            let (knots, degree) = (&space.knots[k][axis], patch.degrees[axis]);
+            let (x, w) = rule(degree);
+            let list = spans(knots, degree);
+            let (mut nodes, mut weights) = (vec![], vec![]);
+            for &s in &list {
+                let (a, b) = (knots[s], knots[s + 1]);
+                // End nodes are the knots themselves, to the bit.
+                let place = |&x: &f64| match x {
+                    -1.0 => a,
+                    1.0 => b,
+                    _ => 0.5 * ((a + b) + (b - a) * x),
+                };
+                nodes.extend(x.iter().map(place));
+                weights.extend(w.iter().map(|w| 0.5 * (b - a) * w));
+            }
+            (list, nodes, weights)
+        });
+        let (per_u, strips) = (u.len() / spans_u.len(), spans_u.len().div_ceil(STRIP));
+        for s in 0..strips {
+            let (from, to) = (s * spans_u.len() / strips, (s + 1) * spans_u.len() / strips);
+            let (nodes, offset) = (&u[from * per_u..to * per_u], from * per_u);
+            let weight = |i: usize, j: usize, det: f64| {
+                if skip(nodes[i], v[j]) { 0.0 } else { wu[offset + i] * wv[j] * det.abs() }
+            };
+            self.push(patch, k, space, [&spans_u[from..to], &spans_v], [nodes, &v], weight)?;
+        }
+        Ok(())
+    }
+
+    /// Add a strip with its nodes; `weight(i, j, det J)` is 0 for nodes to be left out.
     fn push(
         &mut self,
         patch: &SplinePatch,
         k: usize,
-        indices: &[u32],
-        (su, table_u, tu): (usize, usize, &[f64]),
-        (sv, table_v, tv): (usize, usize, &[f64]),
-        weight: impl Fn(usize, usize) -> f64,
-        skip: impl Fn(f64, f64) -> bool,
+        space: &Space,
+        spans: [&[usize]; 2],
+        nodes: [&[f64]; 2],
+        weight: impl Fn(usize, usize, f64) -> f64,
     ) -> Result<(), ElementError> {
-        let (points, nodes) = (self.points.len(), self.nodes.len());
-        let [p, q] = patch.degrees;
-        let mut coefficients = Vec::with_capacity((p + 1) * (q + 1));
-        for a in su - p..=su {
-            for b in sv - q..=sv {
-                self.points.push(indices[a * patch.shape[1] + b]);
-                coefficients.push(patch.points[a * patch.shape[1] + b]);
+        let sampling: [Sampling; 2] = std::array::from_fn(|axis| {
+            let per_span = nodes[axis].len() / spans[axis].len();
+            let knots = &space.knots[k][axis];
+            let at: Vec<(f64, usize)> = nodes[axis]
+                .iter()
+                .enumerate()
+                .map(|(i, &t)| {
+                    let from_below = t == knots[spans[axis][i / per_span] + 1] && per_span > 1;
+                    (t, span_of(&patch.knots[axis], patch.degrees[axis], t, from_below))
+                })
+                .collect();
+            Sampling::new(&patch.knots[axis], patch.degrees[axis], &at)
+        });
+        let reference = jacobians(&sampling[0], &sampling[1], &patch.points, patch.shape[1]);
+        let (m, columns) = (nodes[0].len(), nodes[0].len().next_multiple_of(WIDTH));
+        let mut planes = vec![0.0; nodes[1].len() * 5 * columns];
+        for (at, &[a, b, c, d]) in reference.iter().enumerate() {
+            let (i, j) = (at % m, at / m);
+            let det = a * d - b * c;
+            let w = weight(i, j, det);
+            let singular = det.abs() <= 1e-14 * ((a * a + c * c) * (b * b + d * d)).sqrt();
+            if singular && weight(i, j, 1.0) > 0.0 {
+                let (u, v) = (nodes[0][i], nodes[1][j]);
+                return Err(ElementError::SingularReference { patch: k, u, v, det });
+            }
+            if w > 0.0 {
+                for (plane, value) in [d / det, -b / det, -c / det, a / det, w].into_iter().enumerate() {
+                    planes[(j * 5 + plane) * columns + i] = value;
+                }
             }
         }
-        let element = Element { table_u, table_v, points, nodes };
-        self.nodes.resize(nodes + tu.len() * tv.len(), Node::default());
-        let mut scratch = Scratch::default();
-        self.jacobians(&element, &coefficients, &mut scratch);
-        for (j, &v) in tv.iter().enumerate() {
-            for (i, &u) in tu.iter().enumerate() {
-                if skip(u, v) {
-                    continue;
-                }
-                let [a, b, c, d] = scratch.jacobians[j * tu.len() + i];
-                let det = a * d - b * c;
-                if det.abs() <= 1e-14 * ((a * a + c * c) * (b * b + d * d)).sqrt() {
-                    return Err(ElementError::SingularReference { patch: k, u, v, det });
-                }
-                self.nodes[nodes + j * tu.len() + i] = Node {
-                    inverse: [d / det, -b / det, -c / det, a / det],
-                    weight: weight(i, j) * det.abs(),
-                };
-            }
+        let axis = |a: usize| Axis::new(&space.knots[k][a], patch.degrees[a], spans[a], nodes[a]);
+        let (u, v) = (axis(0), axis(1));
+        let n_v = space.knots[k][1].len() - patch.degrees[1] - 1;
+        let corner = [spans[0][0] - patch.degrees[0], spans[1][0] - patch.degrees[1]];
+        let mut points = Vec::with_capacity(u.functions * v.functions);
+        for j in 0..v.functions {
+            points.extend((0..u.functions).map(|i| space.indices[k][(corner[0] + i) * n_v + corner[1] + j]));
         }
-        self.elements.push(element);
+        self.strips.push(Strip { patch: k, shape: [u.functions, v.functions], points });
+        self.nodes.push(Nodes { u: self.axes.len(), v: self.axes.len() + 1, columns, planes, base: vec![] });
+        self.axes.extend([u, v]);
+        self.samplings.push(sampling);
         Ok(())
     }
 
-    /// Number of elements.
-    pub fn len(&self) -> usize {
-        self.elements.len()
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.elements.is_empty()
-    }
-
-    /// Point indices of element `e`, functions in u slowest.
-    pub fn points_of(&self, e: usize) -> &[u32] {
-        let element = &self.elements[e];
-        &self.points[element.points..][..self.size(element)]
-    }
-
-    /// Largest number of functions on an element.
-    pub fn max_functions(&self) -> usize {
-        self.elements.iter().map(|e| self.size(e)).max().unwrap_or(0)
-    }
-
-    fn size(&self, e: &Element) -> usize {
-        self.tables[e.table_u].n * self.tables[e.table_v].n
-    }
-
-    /// Parametric derivatives `[x_u, x_v, y_u, y_v]` at the nodes, `[j * m_u + i]`.
-    fn jacobians(&self, e: &Element, coefficients: &[[f64; 2]], scratch: &mut Scratch) {
-        let (u, v) = (&self.tables[e.table_u], &self.tables[e.table_v]);
-        scratch.half.clear();
-        scratch.half.resize(u.m * v.n * 4, 0.0);
-        for i in 0..u.m {
-            for a in 0..u.n {
-                let (value, slope) = (u.values[i * u.n + a], u.slopes[i * u.n + a]);
-                for b in 0..v.n {
-                    let [x, y] = coefficients[a * v.n + b];
-                    let h = &mut scratch.half[(i * v.n + b) * 4..][..4];
-                    h[0] += slope * x;
-                    h[1] += value * x;
-                    h[2] += slope * y;
-                    h[3] += value * y;
+    /// Move on top of the map with the points `x` of the reference's own space (`indices` per patch).
+    pub(crate) fn set_base(&mut self, reference: &[SplinePatch], indices: &[Vec<u32>], x: &[[f64; 2]]) {
+        let nets: Vec<Vec<[f64; 2]>> =
+            indices.iter().map(|list| list.iter().map(|&i| x[i as usize]).collect()).collect();
+        let strips = &self.strips;
+        let fill = |nodes: &mut Nodes, s: usize, [u, v]: &[Sampling; 2]| {
+            let k = strips[s].patch;
+            let (m, rows) = (u.first.len(), v.first.len());
+            nodes.base.clear();
+            nodes.base.resize(rows * 4 * nodes.columns, 0.0);
+            for (at, j) in jacobians(u, v, &nets[k], reference[k].shape[1]).iter().enumerate() {
+                for plane in 0..4 {
+                    nodes.base[((at / m) * 4 + plane) * nodes.columns + at % m] = j[plane];
                 }
             }
+        };
+        for (s, nodes) in self.nodes.iter_mut().enumerate() {
+            fill(nodes, s, &self.samplings[s]);
         }
-        scratch.jacobians.clear();
-        scratch.jacobians.resize(u.m * v.m, [0.0; 4]);
-        for j in 0..v.m {
-            for i in 0..u.m {
-                let out = &mut scratch.jacobians[j * u.m + i];
-                for b in 0..v.n {
-                    let (value, slope) = (v.values[j * v.n + b], v.slopes[j * v.n + b]);
-                    let h = &scratch.half[(i * v.n + b) * 4..][..4];
-                    out[0] += value * h[0];
-                    out[1] += slope * h[1];
-                    out[2] += value * h[2];
-                    out[3] += slope * h[3];
-                }
+        if let Some(list) = &mut self.hessian_nodes {
+            let regular = self.samplings.len() - self.nodes.len();
+            for (s, nodes) in list.iter_mut().enumerate() {
+                let at = if s < regular { self.nodes.len() + s } else { s };
+                fill(nodes, s, &self.samplings[at]);
             }
         }
     }
 
-    /// Call `visit(node, A, weight)` for the nodes of element `e` with `A = scale · J(x) J_reference⁻¹`.
-    pub fn for_each_node(
-        &self,
-        e: usize,
-        x: &[[f64; 2]],
-        scale: f64,
-        scratch: &mut Scratch,
-        mut visit: impl FnMut(usize, [f64; 4], f64),
-    ) {
-        let element = &self.elements[e];
-        let local: Vec<[f64; 2]> = self.points_of(e).iter().map(|&g| x[g as usize]).collect();
-        self.jacobians(element, &local, scratch);
-        for (k, j) in scratch.jacobians.iter().enumerate() {
-            let node = &self.nodes[element.nodes + k];
-            if node.weight > 0.0 {
-                let t = node.inverse.map(|v| v * scale);
-                let a = [
-                    j[0] * t[0] + j[1] * t[2],
-                    j[0] * t[1] + j[1] * t[3],
-                    j[2] * t[0] + j[3] * t[2],
-                    j[2] * t[1] + j[3] * t[3],
-                ];
-                visit(k, a, node.weight);
-            }
-        }
+    /// Number of strips.
+    pub(crate) fn len(&self) -> usize {
+        self.strips.len()
     }
 
-    /// Number of nodes of element `e`, left-out ones included.
-    pub fn nodes_of(&self, e: usize) -> usize {
-        let element = &self.elements[e];
-        self.tables[element.table_u].m * self.tables[element.table_v].m
+    /// Number of points the functions belong to.
+    pub(crate) fn n_points(&self) -> usize {
+        self.n_points
     }
+}
 
-    /// Add to `out[function]` the transpose of the interpolation applied to `dE/dA` at the nodes.
-    pub fn scatter_gradient(
-        &self,
-        e: usize,
-        by_a: &[[f64; 4]],
-        scale: f64,
-        scratch: &mut Scratch,
-        out: &mut [[f64; 2]],
-    ) {
-        let element = &self.elements[e];
-        let (u, v) = (&self.tables[element.table_u], &self.tables[element.table_v]);
-        scratch.half.clear();
-        scratch.half.resize(u.m * v.n * 4, 0.0);
-        for j in 0..v.m {
-            for i in 0..u.m {
-                let t = &self.nodes[element.nodes + j * u.m + i].inverse;
-                let g = &by_a[j * u.m + i];
-                // dE/dJ = dE/dA T^T.
-                let d = [
-                    scale * (g[0] * t[0] + g[1] * t[1]),
-                    scale * (g[0] * t[2] + g[1] * t[3]),
-                    scale * (g[2] * t[0] + g[3] * t[1]),
-                    scale * (g[2] * t[2] + g[3] * t[3]),
-                ];
-                for b in 0..v.n {
-                    let (value, slope) = (v.values[j * v.n + b], v.slopes[j * v.n + b]);
-                    let h = &mut scratch.half[(i * v.n + b) * 4..][..4];
-                    h[0] += value * d[0];
-                    h[1] += slope * d[1];
-                    h[2] += value * d[2];
-                    h[3] += slope * d[3];
-                }
-            }
-        }
-        for i in 0..u.m {
-            for a in 0..u.n {
-                let (value, slope) = (u.values[i * u.n + a], u.slopes[i * u.n + a]);
-                for b in 0..v.n {
-                    let h = &scratch.half[(i * v.n + b) * 4..][..4];
-                    out[a * v.n + b][0] += slope * h[0] + value * h[1];
-                    out[a * v.n + b][1] += slope * h[2] + value * h[3];
-                }
-            }
-        }
-    }
-
-    /// Element matrix of the Hessian from `d²E/dA²` (packed) at the nodes.
-    ///
-    /// `out[((b * n_v + b2) * 4 + c * 2 + d) * n_u² + a * n_u + a2]` is the entry of component c of function (a, b)
-    /// with component d of function (a2, b2), filled for `b <= b2`.
-    pub fn contract_hessian(
-        &self,
-        e: usize,
-        by_aa: &[[f64; 10]],
-        scale: f64,
-        scratch: &mut Scratch,
-        out: &mut [f64],
-    ) {
-        let element = &self.elements[e];
-        let (u, v) = (&self.tables[element.table_u], &self.tables[element.table_v]);
-        let (mu, nu2, channels) = (u.m, u.n * u.n, 16);
-        // Per node: d²E/dJ² for component pairs cd and derivative pairs kl, nodes in u contiguous.
-        let pairs = v.n * (v.n + 1) / 2;
-        scratch.stage.clear();
-        scratch.stage.resize((v.m + pairs) * channels * mu, 0.0);
-        let (by_jj, stage) = scratch.stage.split_at_mut(v.m * channels * mu);
-        for j in 0..v.m {
-            for i in 0..mu {
-                let t = self.nodes[element.nodes + j * mu + i].inverse.map(|x| x * scale);
-                let h = &by_aa[j * mu + i];
-                for (cd, [h00, h01, h10, h11]) in
-                    [[0, 1, 1, 4], [2, 3, 5, 6], [2, 5, 3, 6], [7, 8, 8, 9]].into_iter().enumerate()
-                {
-                    let (h00, h01, h10, h11) = (h[h00], h[h01], h[h10], h[h11]);
-                    let (r00, r01) = (t[0] * h00 + t[1] * h10, t[0] * h01 + t[1] * h11);
-                    let (r10, r11) = (t[2] * h00 + t[3] * h10, t[2] * h01 + t[3] * h11);
-                    let kl = [
-                        r00 * t[0] + r01 * t[1],
-                        r00 * t[2] + r01 * t[3],
-                        r10 * t[0] + r11 * t[1],
-                        r10 * t[2] + r11 * t[3],
-                    ];
-                    for (k, value) in kl.into_iter().enumerate() {
-                        by_jj[(j * channels + cd * 4 + k) * mu + i] = value;
-                    }
-                }
-            }
-        }
-        // Contract the nodes in v for every pair of functions in v ...
-        let mut pair = 0;
-        for b in 0..v.n {
-            for b2 in b..v.n {
-                for cd in 0..4 {
-                    for kl in 0..4 {
-                        // A derivative in u is a value in v and the other way round.
-                        let weights = &v.products[3 - kl];
-                        let to = &mut stage[(pair * channels + cd * 4 + kl) * mu..][..mu];
-                        for j in 0..v.m {
-                            let w = weights[(j * v.n + b) * v.n + b2];
-                            let from = &by_jj[(j * channels + cd * 4 + kl) * mu..][..mu];
-                            for i in 0..mu {
-                                to[i] += w * from[i];
-                            }
-                        }
-                    }
-                }
-                // ... then those in u for every pair of functions in u.
-                for cd in 0..4 {
-                    let to = &mut out[((b * v.n + b2) * 4 + cd) * nu2..][..nu2];
-                    to.fill(0.0);
-                    for kl in 0..4 {
-                        let from = &stage[(pair * channels + cd * 4 + kl) * mu..][..mu];
-                        for i in 0..mu {
-                            let weights = &u.products[kl][i * nu2..][..nu2];
-                            let s = from[i];
-                            for k in 0..nu2 {
-                                to[k] += s * weights[k];
-                            }
-                        }
-                    }
-                }
-                pair += 1;
-            }
-        }
-    }
-
-    /// Number of functions (in u, in v) of element `e`.
-    pub fn functions_of(&self, e: usize) -> (usize, usize) {
-        let element = &self.elements[e];
-        (self.tables[element.table_u].n, self.tables[element.table_v].n)
-    }
-
-    /// Smallest `det A` over all nodes, and the mean weighted like the energy.
-    pub fn determinants(&self, x: &[[f64; 2]], scale: f64) -> (f64, f64) {
-        let per_element: Vec<(f64, f64)> = (0..self.len())
-            .into_par_iter()
-            .with_min_len(16)
-            .map_init(Scratch::default, |scratch, e| {
-                let mut out = (f64::INFINITY, 0.0);
-                self.for_each_node(e, x, scale, scratch, |_, a, w| {
-                    let det = a[0] * a[3] - a[1] * a[2];
-                    out = (out.0.min(det), out.1 + w * det);
-                });
-                out
-            })
-            .collect();
-        per_element.into_iter().fold((f64::INFINITY, 0.0), |s, r| (s.0.min(r.0), s.1 + r.1))
-    }
-
-    /// Scalar stiffness matrix of an element, `[f * n + g]`: `Σ w ∇φ_f · ∇φ_g` on the reference map.
-    pub fn stiffness(&self, e: usize, out: &mut [f64]) {
-        let element = &self.elements[e];
-        let (u, v) = (&self.tables[element.table_u], &self.tables[element.table_v]);
-        let n = u.n * v.n;
-        out[..n * n].fill(0.0);
-        let mut gradients = vec![[0.0; 2]; n];
-        for j in 0..v.m {
-            for i in 0..u.m {
-                let node = &self.nodes[element.nodes + j * u.m + i];
-                if node.weight == 0.0 {
-                    continue;
-                }
-                let t = &node.inverse;
-                for a in 0..u.n {
-                    for b in 0..v.n {
-                        let du = u.slopes[i * u.n + a] * v.values[j * v.n + b];
-                        let dv = u.values[i * u.n + a] * v.slopes[j * v.n + b];
-                        gradients[a * v.n + b] = [du * t[0] + dv * t[2], du * t[1] + dv * t[3]];
-                    }
-                }
-                for f in 0..n {
-                    for g in 0..n {
-                        out[f * n + g] += node.weight
-                            * (gradients[f][0] * gradients[g][0] + gradients[f][1] * gradients[g][1]);
-                    }
-                }
-            }
+impl Nodes {
+    fn scale_weights(&mut self, factor: f64) {
+        let columns = self.columns;
+        for row in self.planes.chunks_exact_mut(5 * columns) {
+            row[4 * columns..].iter_mut().for_each(|w| *w *= factor);
         }
     }
 }

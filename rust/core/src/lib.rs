@@ -4,17 +4,24 @@
 
 mod arcs;
 mod assembly;
+mod axis;
 pub mod barrier;
 pub mod bernstein;
 pub mod boundary_fit;
 pub mod closest_point;
+mod coarse;
 pub mod distortion_descent;
 pub mod elements;
+mod evaluation;
 pub mod galerkin;
 pub mod injectivity;
+mod kernel;
+mod lanes;
 pub mod laplacian;
 pub mod local_global;
+mod newton;
 pub mod optimizer;
+mod ordering;
 pub mod outline;
 pub mod quadrature;
 pub mod simple_loops;

@@ -1,440 +1,287 @@
 //! Low-distortion, fold-free control points by projected Newton on the spline itself.
 //!
 //! Minimises `Σ w f(A)` over the free control points, `A = J(x) J_reference⁻¹` scaled to mean determinant 1, with
-//! the energy of [`crate::barrier`]. Guarantees: the energy never increases for a given ε; once all nodes have
-//! det A > 0 no later iterate loses that. Not guaranteed: that a fold-free map is found, nor anything between the
-//! nodes; the certificate decides that.
+//! the energy of [`crate::barrier`]. Large models are solved coarse to fine: a correction of the start is sought in
+//! coarser spline spaces first, where a step costs a fraction, and the last steps are taken in the model's own.
 
-use crate::assembly::{Assembly, NOWHERE, Reduced};
-use crate::barrier::{self, HessianKind};
-use crate::elements::{Elements, Scratch};
-use crate::sparse::{Cholesky, CooMatrix, CscMatrix, SparseError, upper_triangle};
-use rayon::prelude::*;
+use crate::assembly::{Assembly, Reduced};
+use crate::coarse::{Coarse, coarsen};
+use crate::elements::{ElementError, Elements, ExtraNode, Space};
+use crate::evaluation::Evaluator;
+use crate::kernel::Parameters;
+use crate::newton::{EPS_FEASIBLE, Problem};
+pub use crate::newton::{Outcome, Settings, Step, Stop};
+use crate::ordering::{Net, nested_dissection};
+use crate::sparse::{Cholesky, CscMatrix, SparseError};
+use crate::spline::SplinePatch;
+use std::cell::Cell;
 use std::ops::ControlFlow;
+use thiserror::Error;
 
-/// ε once every node is fold-free: small enough to be a barrier, large enough to divide by.
-const EPS_FEASIBLE: f64 = 1e-9;
-/// Newton steps for one value of ε while folds remain.
-const STEPS_PER_EPS: usize = 4;
-/// Relative decrement below which the exact Hessian is tried.
-const EXACT_BELOW: f64 = 1e-2;
-/// Elements evaluated in parallel before their contributions are added, in order, by one thread.
-const CHUNK: usize = 512;
+/// Free points from which the Hessian is integrated on fewer nodes.
+const FEWER_NODES_FROM: usize = 1_000;
+/// Free points from which interfaces and patches are dissected; below, minimum degree is as good and simpler.
+const DISSECT_FROM: usize = 1_000;
+/// Free points from which coarser spaces are solved first, and of the coarsest at least.
+const COARSE_FROM: usize = 1_200;
+const COARSEST: usize = 60;
+/// Decrement relative to the energy at which a coarser space is left.
+const COARSE_TOLERANCE: f64 = 1e-5;
 
-/// Settings of [`SplineOptimizer::minimise`].
-#[derive(Clone, Copy, Debug)]
-pub struct Settings {
-    /// Weight λ of the area term.
-    pub lambda: f64,
-    /// Newton steps at most.
-    pub max_steps: usize,
-    /// Stop when the Newton decrement is below this fraction of the energy.
-    pub tolerance: f64,
+/// Why an optimizer cannot be set up.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum SetupError {
+    /// The reference map is of no use.
+    #[error(transparent)]
+    Element(#[from] ElementError),
+    /// The matrices cannot be analysed.
+    #[error(transparent)]
+    Sparse(#[from] SparseError),
 }
 
-impl Default for Settings {
-    fn default() -> Self {
-        Self { lambda: 0.3, max_steps: 200, tolerance: 1e-8 }
-    }
-}
-
-/// One Newton step as reported to the observer.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Step {
-    /// Energy before the step.
-    pub energy: f64,
-    /// Smallest det A over the nodes before the step.
-    pub min_det: f64,
-    /// Regularisation ε.
-    pub eps: f64,
-    /// Newton decrement relative to the energy.
-    pub decrement: f64,
-}
-
-/// Why the iteration ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stop {
-    /// The decrement is below the tolerance.
-    Converged,
-    /// The step limit was reached.
-    StepLimit,
-    /// No step lowers the energy any more (rounding), or ε cannot be lowered further with folds left.
-    Stalled,
-    /// The observer asked to stop.
-    Interrupted,
-}
-
-/// Result of [`SplineOptimizer::minimise`].
+/// A multi-patch, and where its distortion is measured.
 #[derive(Clone, Debug)]
-pub struct Outcome {
-    /// All shared points.
-    pub points: Vec<[f64; 2]>,
-    /// Energy of the result.
-    pub energy: f64,
-    /// Smallest det A over the nodes; positive means fold-free at all nodes.
-    pub min_det: f64,
-    /// Every step taken.
-    pub steps: Vec<Step>,
-    /// Why it ended.
-    pub stop: Stop,
+pub struct Model {
+    /// Knots, and the map that distortion is measured against.
+    pub reference: Vec<SplinePatch>,
+    /// Index among the shared points of every control point of every patch.
+    pub indices: Vec<Vec<u32>>,
+    /// Number of shared points.
+    pub n_points: usize,
+    /// Gauss–Lobatto nodes a span and direction are `nodes_per_degree * degree + 1`.
+    pub nodes_per_degree: usize,
+    /// Additional nodes.
+    pub extra: Vec<ExtraNode>,
+    /// Patch corners (patch, corner) without a node, corner 0..4 = (0,0), (1,0), (0,1), (1,1).
+    pub excluded: Vec<(usize, usize)>,
 }
 
 /// A multi-patch prepared for harmonic maps and distortion minimisation; all symbolic work is done once.
 pub struct SplineOptimizer {
-    elements: Elements,
-    n_points: usize,
-    free: Vec<usize>,
-    assembly: Assembly,
-    reduced: Option<Reduced>,
-    cholesky: Cholesky,
-    /// Unknowns of a linear system, per component.
-    reduced_unknowns: usize,
+    model: Model,
+    problem: Problem,
+    /// Coarser spaces, the coarsest last.
+    coarser: Vec<(Coarse, Problem)>,
+    /// Factorization of the Laplacian over the unknowns, once it was asked for.
+    laplacian: Option<Cholesky>,
 }
 
 impl SplineOptimizer {
-    /// Prepare for the free points `free` (sorted) of `n_points` shared points; `z` maps reduced unknowns to them.
-    pub fn new(
-        elements: Elements,
-        n_points: usize,
-        free: Vec<usize>,
-        z: Option<CscMatrix<f64>>,
-    ) -> Result<Self, SparseError> {
-        let assembly = Assembly::new(&elements, n_points, &free);
-        let (reduced, cholesky, reduced_unknowns) = match z {
-            None => (None, Cholesky::analyse(&assembly.offsets, &assembly.rows, None)?, free.len()),
-            Some(z) => {
-                let unknowns = z.ncols();
-                let (reduced, offsets, rows) = Reduced::new(z, &assembly);
-                (Some(reduced), Cholesky::analyse(&offsets, &rows, None)?, unknowns)
+    /// Prepare for the free points `free` (sorted); `z` maps reduced unknowns to them.
+    pub fn new(model: Model, free: Vec<usize>, z: Option<CscMatrix<f64>>) -> Result<Self, SetupError> {
+        let knots: Vec<[Vec<f64>; 2]> = model.reference.iter().map(|p| p.knots.clone()).collect();
+        let whole = z.is_none();
+        let space = Space { knots: &knots, indices: &model.indices };
+        let problem = model.problem(&space, model.n_points, free, z)?;
+        let mut coarser: Vec<(Coarse, Problem)> = vec![];
+        if whole && problem.free.len() >= COARSE_FROM {
+            let degrees: Vec<[usize; 2]> = model.reference.iter().map(|p| p.degrees).collect();
+            loop {
+                let next = match coarser.last() {
+                    None => coarsen(&knots, &degrees, &model.indices, &problem.assembly.free_of),
+                    Some((c, p)) => coarsen(&c.knots, &degrees, &c.indices, &p.assembly.free_of),
+                };
+                let Some(next) = next.filter(|c| c.free.len() >= COARSEST) else { break };
+                let space = Space { knots: &next.knots, indices: &next.indices };
+                let problem = model.problem(&space, next.n_points, next.free.clone(), None)?;
+                coarser.push((next, problem));
             }
-        };
-        Ok(Self { elements, n_points, free, assembly, reduced, cholesky, reduced_unknowns })
+        }
+        Ok(Self { model, problem, coarser, laplacian: None })
     }
 
     /// Number of shared points.
     pub fn n_points(&self) -> usize {
-        self.n_points
+        self.model.n_points
     }
 
     /// Smallest and mean det A of a map, scaled to mean 1 where the mean is positive.
-    pub fn determinants(&self, x: &[[f64; 2]]) -> (f64, f64) {
-        let (min, mean) = self.elements.determinants(x, 1.0);
+    pub fn determinants(&mut self, x: &[[f64; 2]]) -> (f64, f64) {
+        let at = Parameters { scale: 1.0, eps: 1.0, lambda: 0.0 };
+        let found = self.problem.evaluator.energy(x, at);
+        let (min, mean) = (found.min_det, found.mean_det);
         if mean > 0.0 { (min / mean, mean) } else { (min, mean) }
     }
 
     /// The spline harmonic map (Galerkin on the reference map) with the fixed points of `x`.
     ///
     /// With a null-space basis, `x` must satisfy the rows, and the result does.
-    pub fn harmonic(&self, x: &[[f64; 2]]) -> Result<Vec<[f64; 2]>, SparseError> {
-        let n = self.free.len();
-        let mut k = CooMatrix::new(n, n);
+    pub fn harmonic(&mut self, x: &[[f64; 2]]) -> Result<Vec<[f64; 2]>, SparseError> {
+        let problem = &mut self.problem;
+        let n = problem.free.len();
         // Residual K x of the given map; the correction solves K_ff d = -residual.
-        let mut residual = vec![[0.0; 2]; n];
-        let mut block = vec![0.0; self.elements.max_functions().pow(2)];
-        for e in 0..self.elements.len() {
-            let points = self.elements.points_of(e);
-            self.elements.stiffness(e, &mut block);
-            for (f, &p) in points.iter().enumerate() {
-                let row = self.assembly.free_of[p as usize];
-                if row == NOWHERE {
-                    continue;
-                }
-                for (g, &q) in points.iter().enumerate() {
-                    let (value, column) = (block[f * points.len() + g], self.assembly.free_of[q as usize]);
-                    for c in 0..2 {
-                        residual[row as usize][c] += value * x[q as usize][c];
-                    }
-                    if column != NOWHERE {
-                        k.push(row as usize, column as usize, value);
-                    }
-                }
-            }
+        let mut residual = vec![0.0; 2 * n];
+        problem.evaluator.dirichlet(x, &problem.assembly, &mut residual);
+        if let Some(reduced) = &problem.reduced {
+            let full = residual;
+            residual = vec![0.0; 2 * reduced.z.ncols()];
+            reduced.gather(&full, &mut residual);
         }
-        let mut matrix = CscMatrix::from(&k);
-        let m = self.reduced_unknowns;
-        let mut rhs = vec![0.0; 2 * m];
-        match &self.reduced {
-            None => (0..m).for_each(|i| (0..2).for_each(|c| rhs[c * m + i] = -residual[i][c])),
-            Some(reduced) => {
-                matrix = crate::sparse::congruence(&matrix, &reduced.z);
-                for (i, j, &w) in reduced.z.triplet_iter() {
-                    (0..2).for_each(|c| rhs[c * m + j] -= w * residual[i][c]);
-                }
-            }
+        let m = residual.len() / 2;
+        if m == 0 {
+            return Ok(x.to_vec());
         }
-        let upper = upper_triangle(&matrix);
-        let mut cholesky = Cholesky::analyse(upper.col_offsets(), upper.row_indices(), None)?;
-        cholesky.factorize(upper.values())?;
-        cholesky.solve(&mut rhs);
+        if self.laplacian.is_none() {
+            let mut values = vec![0.0; problem.assembly.neighbours.len()];
+            problem.evaluator.stiffness(&problem.assembly, &mut values);
+            let (offsets, rows, values) = match &problem.reduced {
+                None => {
+                    let rows = problem.assembly.neighbours.iter().map(|&r| r as usize).collect();
+                    (problem.assembly.columns.clone(), rows, values)
+                }
+                Some(reduced) => reduced.scalar_congruence(&problem.assembly, &values),
+            };
+            let order = problem.order.as_deref();
+            let mut cholesky = Cholesky::analyse(&offsets, &rows, order)?;
+            cholesky.factorize(&values)?;
+            self.laplacian = Some(cholesky);
+        }
+        let mut rhs: Vec<f64> = (0..2 * m).map(|k| -residual[k % m * 2 + k / m]).collect();
+        self.laplacian.as_ref().expect("just made").solve(&mut rhs);
         let interleaved: Vec<f64> = (0..2 * m).map(|k| rhs[k % 2 * m + k / 2]).collect();
         let mut out = x.to_vec();
-        self.move_points(&mut out, &interleaved, 1.0);
+        problem.move_points(&mut out, &interleaved, 1.0);
         Ok(out)
     }
 
     /// Energy and its gradient with respect to all shared points, fixed ones included; no folds are opened (ε → 0).
-    pub fn gradient(&self, x: &[[f64; 2]], lambda: f64) -> (f64, Vec<[f64; 2]>) {
-        let (_, mean) = self.elements.determinants(x, 1.0);
+    pub fn gradient(&mut self, x: &[[f64; 2]], lambda: f64) -> (f64, Vec<[f64; 2]>) {
+        let (_, mean) = self.determinants(x);
         let scale = if mean > 0.0 { 1.0 / mean.sqrt() } else { 1.0 };
-        let width = self.elements.max_functions();
-        let per_element: Vec<(f64, Vec<[f64; 2]>)> = (0..self.elements.len())
-            .into_par_iter()
-            .with_min_len(16)
-            .map_init(Scratch::default, |scratch, e| {
-                let (mut sum, mut by_a) = (0.0, vec![[0.0; 4]; self.elements.nodes_of(e)]);
-                self.elements.for_each_node(e, x, scale, scratch, |node, a, w| {
-                    let (f, _, g) = barrier::gradient(a, EPS_FEASIBLE, lambda);
-                    sum += w * f;
-                    by_a[node] = g.map(|v| w * v);
-                });
-                let mut local = vec![[0.0; 2]; width];
-                self.elements.scatter_gradient(e, &by_a, scale, scratch, &mut local);
-                (sum, local)
-            })
-            .collect();
-        // Summed in the order of the elements: the same bits for any number of threads.
-        let (mut energy, mut gradient) = (0.0, vec![[0.0; 2]; self.n_points]);
-        for (e, (sum, local)) in per_element.iter().enumerate() {
-            energy += sum;
-            for (&p, g) in self.elements.points_of(e).iter().zip(local) {
-                (0..2).for_each(|c| gradient[p as usize][c] += g[c]);
-            }
-        }
-        (energy, gradient)
+        self.problem.evaluator.gradient_everywhere(x, Parameters { scale, eps: EPS_FEASIBLE, lambda })
     }
 
     /// Minimise the distortion from the start `x`, whose fixed points stay (and whose rows hold, with a basis).
     ///
-    /// `observe` is called before every step and may stop the iteration.
+    /// `observe` is called before every step, those in coarser spaces included, and may stop the iteration; the
+    /// steps of the outcome are those in the model's own space.
     pub fn minimise(
         &mut self,
         x: &[[f64; 2]],
         settings: Settings,
         mut observe: impl FnMut(&Step) -> ControlFlow<()>,
     ) -> Result<Outcome, SparseError> {
-        let mut x = x.to_vec();
-        let mut steps: Vec<Step> = vec![];
-        let (_, mean) = self.elements.determinants(&x, 1.0);
+        let mean = self.determinants(x).1;
         // The area is fixed by the boundary, so the scale to mean determinant 1 stays valid.
         let scale = if mean > 0.0 { 1.0 / mean.sqrt() } else { 1.0 };
-        let lambda = settings.lambda;
-        let (mut min_det, _) = self.elements.determinants(&x, scale);
-        let mut eps = if min_det > 0.0 { EPS_FEASIBLE } else { (1e-12 + 0.04 * min_det * min_det).sqrt() };
-        let (mut since_eps, mut energy_at_eps) = (0, f64::INFINITY);
-        let finish = |x: Vec<[f64; 2]>, energy, min_det, steps, stop| Outcome {
-            points: x,
-            energy,
-            min_det,
-            steps,
-            stop,
+        let stopped = Cell::new(false);
+        let mut watch = |step: &Step| {
+            let answer = observe(step);
+            stopped.set(stopped.get() || answer.is_break());
+            answer
         };
-        let mut energy = self.energy(&x, scale, eps, lambda).0;
-        if self.reduced_unknowns == 0 {
-            return Ok(finish(x, energy, min_det, steps, Stop::Converged));
+        let start = self.from_coarser(x, scale, settings, &mut watch)?;
+        if stopped.get() {
+            let at = Parameters { scale, eps: 1.0, lambda: settings.lambda };
+            let found = self.problem.evaluator.energy(&start, at);
+            let (energy, min_det) = (found.energy, found.min_det);
+            return Ok(Outcome { points: start, energy, min_det, steps: vec![], stop: Stop::Interrupted });
         }
-        let (mut gradient, mut values) = (vec![], vec![]);
-        loop {
-            if steps.len() >= settings.max_steps {
-                return Ok(finish(x, energy, min_det, steps, Stop::StepLimit));
-            }
-            let near = steps.last().is_some_and(|s| s.min_det > 0.0 && s.decrement < EXACT_BELOW);
-            let mut kind = if near { HessianKind::Exact } else { HessianKind::Projected };
-            loop {
-                self.derivatives(&x, scale, eps, lambda, kind, &mut gradient, &mut values);
-                match self.cholesky.factorize(&values) {
-                    Err(SparseError::NotPositiveDefinite(_)) if kind == HessianKind::Exact => {
-                        kind = HessianKind::Projected
-                    }
-                    Err(SparseError::NotPositiveDefinite(_)) => {
-                        // The projected Hessian is definite but for rounding: lift the diagonal a little.
-                        self.lift_diagonal(&mut values);
-                        self.cholesky.factorize(&values)?;
-                        break;
-                    }
-                    other => {
-                        other?;
-                        break;
-                    }
-                }
-            }
-            let mut direction: Vec<f64> = gradient.iter().map(|g| -g).collect();
-            self.cholesky.solve(&mut direction);
-            let slope: f64 = gradient.iter().zip(&direction).map(|(g, d)| g * d).sum();
-            let step = Step { energy, min_det, eps, decrement: -slope / energy.abs() };
-            steps.push(step);
-            if observe(&step).is_break() {
-                return Ok(finish(x, energy, min_det, steps, Stop::Interrupted));
-            }
-            let converged = step.decrement < settings.tolerance;
-            if converged && min_det > 0.0 {
-                // The step is at hand, and near the minimum it squares the error.
-                let mut trial = x.clone();
-                self.move_points(&mut trial, &direction, 1.0);
-                let (e, d) = self.energy(&trial, scale, eps, lambda);
-                if d > 0.0 && e <= energy {
-                    (x, energy, min_det) = (trial, e, d);
-                }
-                return Ok(finish(x, energy, min_det, steps, Stop::Converged));
-            }
-            let moved = !converged && {
-                let mut length = 1.0;
-                loop {
-                    let mut trial = x.clone();
-                    self.move_points(&mut trial, &direction, length);
-                    let (e, d) = self.energy(&trial, scale, eps, lambda);
-                    if (min_det <= 0.0 || d > 0.0) && e < energy + 1e-4 * length * slope {
-                        (x, energy, min_det) = (trial, e, d);
-                        break true;
-                    }
-                    length *= 0.5;
-                    if length < 1e-8 {
-                        break false;
-                    }
-                }
-            };
-            if min_det > 0.0 {
-                if !moved {
-                    return Ok(finish(x, energy, min_det, steps, Stop::Stalled));
-                }
-                if eps != EPS_FEASIBLE {
-                    eps = EPS_FEASIBLE;
-                    energy = self.energy(&x, scale, eps, lambda).0;
-                }
-                continue;
-            }
-            since_eps += 1;
-            if !moved || since_eps >= STEPS_PER_EPS {
-                // Garanzha et al. 2021, Eq. 6: lower ε no faster than the energy fell, so that folds open one by one.
-                let sigma =
-                    if energy_at_eps.is_finite() { (1.0 - energy / energy_at_eps).max(0.1) } else { 0.1 };
-                let mu = (1.0 - sigma) * barrier::chi(eps, min_det).0;
-                let next = if min_det < mu { 2.0 * (mu * (mu - min_det)).sqrt() } else { EPS_FEASIBLE };
-                let next = next.min(0.9 * eps);
-                if next < 1e-7 * min_det.abs().max(1e-3) {
-                    return Ok(finish(x, energy, min_det, steps, Stop::Stalled));
-                }
-                (eps, since_eps) = (next, 0);
-                energy = self.energy(&x, scale, eps, lambda).0;
-                energy_at_eps = energy;
-            }
-        }
+        self.problem.minimise(&start, scale, settings, &mut watch)
     }
 
-    /// `x_free += length · Z d` for reduced unknowns d, components interleaved.
-    fn move_points(&self, x: &mut [[f64; 2]], d: &[f64], length: f64) {
-        match &self.reduced {
-            None => {
-                for (i, &p) in self.free.iter().enumerate() {
-                    for c in 0..2 {
-                        x[p][c] += length * d[2 * i + c];
-                    }
-                }
-            }
-            Some(reduced) => {
-                for (i, j, &w) in reduced.z.triplet_iter() {
-                    for c in 0..2 {
-                        x[self.free[i]][c] += length * w * d[2 * j + c];
-                    }
-                }
-            }
-        }
-    }
-
-    /// Energy and smallest determinant.
-    fn energy(&self, x: &[[f64; 2]], scale: f64, eps: f64, lambda: f64) -> (f64, f64) {
-        let per_element: Vec<(f64, f64)> = (0..self.elements.len())
-            .into_par_iter()
-            .with_min_len(16)
-            .map_init(Scratch::default, |scratch, e| {
-                let (mut sum, mut min) = (0.0, f64::INFINITY);
-                self.elements.for_each_node(e, x, scale, scratch, |_, a, w| {
-                    let (f, det) = barrier::energy(a, eps, lambda);
-                    sum += w * f;
-                    min = min.min(det);
-                });
-                (sum, min)
-            })
-            .collect();
-        // Summed in the order of the elements: the same bits for any number of threads.
-        per_element.into_iter().fold((0.0, f64::INFINITY), |s, r| (s.0 + r.0, s.1.min(r.1)))
-    }
-
-    /// Gradient and values of the Hessian with respect to the reduced unknowns.
-    #[allow(clippy::too_many_arguments)]
-    fn derivatives(
-        &self,
+    /// A better start: `x` plus the best correction in the coarser spaces, unless that folds what was not folded.
+    fn from_coarser(
+        &mut self,
         x: &[[f64; 2]],
         scale: f64,
-        eps: f64,
-        lambda: f64,
-        kind: HessianKind,
-        gradient: &mut Vec<f64>,
-        values: &mut Vec<f64>,
-    ) {
-        let (n, width) = (self.free.len(), self.elements.max_functions());
-        let mut full_gradient = vec![0.0; 2 * n];
-        let mut full_values = vec![0.0; self.assembly.rows.len()];
-        let chunk = CHUNK.min(self.elements.len());
-        let mut local: Vec<(Vec<[f64; 2]>, Vec<f64>)> =
-            (0..chunk).map(|_| (vec![[0.0; 2]; width], vec![0.0; 4 * width * width])).collect();
-        for start in (0..self.elements.len()).step_by(chunk.max(1)) {
-            let count = chunk.min(self.elements.len() - start);
-            local[..count].par_iter_mut().with_min_len(4).enumerate().for_each_init(
-                || (Scratch::default(), vec![], vec![]),
-                |(scratch, by_a, by_aa): &mut (Scratch, Vec<[f64; 4]>, Vec<[f64; 10]>), (k, (g, block))| {
-                    let e = start + k;
-                    let nodes = self.elements.nodes_of(e);
-                    by_a.clear();
-                    by_a.resize(nodes, [0.0; 4]);
-                    by_aa.clear();
-                    by_aa.resize(nodes, [0.0; 10]);
-                    self.elements.for_each_node(e, x, scale, scratch, |node, a, w| {
-                        by_a[node] = barrier::gradient(a, eps, lambda).2.map(|v| w * v);
-                        by_aa[node] = barrier::hessian(a, eps, lambda, kind).map(|v| w * v);
-                    });
-                    g.fill([0.0; 2]);
-                    self.elements.scatter_gradient(e, by_a, scale, scratch, g);
-                    self.elements.contract_hessian(e, by_aa, scale, scratch, block);
-                },
-            );
-            for (k, (g, block)) in local[..count].iter().enumerate() {
-                let e = start + k;
-                let points = self.elements.points_of(e);
-                for (&p, g) in points.iter().zip(g) {
-                    let f = self.assembly.free_of[p as usize];
-                    if f != NOWHERE {
-                        full_gradient[2 * f as usize] += g[0];
-                        full_gradient[2 * f as usize + 1] += g[1];
-                    }
-                }
-                self.assembly.scatter(e, points, self.elements.functions_of(e), block, &mut full_values);
+        settings: Settings,
+        observe: &mut dyn FnMut(&Step) -> ControlFlow<()>,
+    ) -> Result<Vec<[f64; 2]>, SparseError> {
+        let settings = Settings { tolerance: settings.tolerance.max(COARSE_TOLERANCE), ..settings };
+        let mut correction: Vec<[f64; 2]> = vec![];
+        for level in (0..self.coarser.len()).rev() {
+            let (space, problem) = &mut self.coarser[level];
+            problem.evaluator.elements.set_base(&self.model.reference, &self.model.indices, x);
+            correction.resize(space.n_points, [0.0; 2]);
+            let found = problem.minimise(&correction, scale, settings, observe)?;
+            if found.stop == Stop::Interrupted {
+                return Ok(x.to_vec());
             }
+            correction = match level {
+                0 => space.prolong(&found.points, &self.model.indices, self.model.n_points),
+                _ => {
+                    let finer = &self.coarser[level - 1].0;
+                    self.coarser[level].0.prolong(&found.points, &finer.indices, finer.n_points)
+                }
+            };
         }
-        match &self.reduced {
-            None => (*gradient, *values) = (full_gradient, full_values),
-            Some(reduced) => {
-                *gradient = vec![0.0; 2 * self.reduced_unknowns];
-                for (i, j, &w) in reduced.z.triplet_iter() {
-                    for c in 0..2 {
-                        gradient[2 * j + c] += w * full_gradient[2 * i + c];
-                    }
-                }
-                *values = vec![0.0; reduced.values];
-                for &(to, from, w) in &reduced.map {
-                    values[to as usize] += w * full_values[from as usize];
-                }
+        if correction.is_empty() {
+            return Ok(x.to_vec());
+        }
+        let mut better = x.to_vec();
+        for &p in &self.problem.free {
+            better[p] = [x[p][0] + correction[p][0], x[p][1] + correction[p][1]];
+        }
+        // Judged at the nodes of the finest space, with an ε that sees folds.
+        let at = Parameters { scale, eps: 1e-3, lambda: settings.lambda };
+        let (before, after) =
+            (self.problem.evaluator.energy(x, at), self.problem.evaluator.energy(&better, at));
+        let keeps = before.min_det <= 0.0 || after.min_det > 0.0;
+        Ok(if keeps && after.energy < before.energy { better } else { x.to_vec() })
+    }
+}
+
+impl Model {
+    /// The energy over movements in a spline space.
+    fn problem(
+        &self,
+        space: &Space,
+        n_points: usize,
+        free: Vec<usize>,
+        z: Option<CscMatrix<f64>>,
+    ) -> Result<Problem, SetupError> {
+        let rule = |degree: usize| self.nodes_per_degree * degree + 1;
+        let mut elements = Elements::on_space(&self.reference, space, rule, &self.extra, &self.excluded)?;
+        if free.len() >= FEWER_NODES_FROM {
+            elements.use_gauss_hessian(&self.reference, space);
+        }
+        let assembly = Assembly::new(&elements, n_points, &free);
+        let points = (free.len() >= DISSECT_FROM).then(|| self.order(space, &assembly.free_of, free.len()));
+        let (reduced, offsets, rows, order) = match z {
+            None => (None, None, None, points),
+            Some(z) => {
+                let order = points.map(|points| order_of_columns(&z, &points));
+                let (reduced, offsets, rows) = Reduced::new(z, &assembly);
+                (Some(reduced), Some(offsets), Some(rows), order)
             }
-        }
+        };
+        let pairs: Option<Vec<usize>> =
+            order.as_ref().map(|o| o.iter().flat_map(|&i| [2 * i, 2 * i + 1]).collect());
+        let (offsets, rows) =
+            (offsets.as_ref().unwrap_or(&assembly.offsets), rows.as_ref().unwrap_or(&assembly.rows));
+        let cholesky = Cholesky::analyse(offsets, rows, pairs.as_deref())?;
+        Ok(Problem::new(Evaluator::new(elements), assembly, free, reduced, cholesky, order))
     }
 
-    /// Add 1e-9 of the mean diagonal to the diagonal (the last entry of every column of the upper triangle).
-    fn lift_diagonal(&self, values: &mut [f64]) {
-        let diagonal = self.cholesky.diagonal();
-        let mean = diagonal.iter().map(|&k| values[k]).sum::<f64>() / diagonal.len() as f64;
-        for k in diagonal {
-            values[k] += 1e-9 * mean;
-        }
+    fn order(&self, space: &Space, free_of: &[u32], n_free: usize) -> Vec<usize> {
+        let nets: Vec<Net> = self
+            .reference
+            .iter()
+            .enumerate()
+            .map(|(k, patch)| {
+                let shape = [0, 1].map(|a| space.knots[k][a].len() - patch.degrees[a] - 1);
+                let free = space.indices[k].iter().map(|&p| free_of[p as usize]).collect();
+                let sum = patch.points.iter().fold([0.0; 2], |s, p| [s[0] + p[0], s[1] + p[1]]);
+                let centre = sum.map(|s| s / patch.points.len() as f64);
+                Net { degrees: patch.degrees, shape, free, centre }
+            })
+            .collect();
+        nested_dissection(&nets, n_free)
     }
+}
+
+/// Order of reduced unknowns: each with the last of the points it moves.
+fn order_of_columns(z: &CscMatrix<f64>, points: &[usize]) -> Vec<usize> {
+    let mut rank = vec![0; points.len()];
+    points.iter().enumerate().for_each(|(k, &p)| rank[p] = k);
+    let mut last = vec![0; z.ncols()];
+    for (i, j, _) in z.triplet_iter() {
+        last[j] = rank[i].max(last[j]);
+    }
+    let mut order: Vec<usize> = (0..z.ncols()).collect();
+    order.sort_by_key(|&j| last[j]);
+    order
 }
 
 #[cfg(test)]

@@ -4,8 +4,7 @@ use crate::convert::{PatchTuple, patch, points2};
 use crate::threads;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
-use patchtransfer_core::elements::Elements;
-use patchtransfer_core::optimizer::{Settings, SplineOptimizer as Core, Step, Stop};
+use patchtransfer_core::optimizer::{Model, Settings, SplineOptimizer as Core, Step, Stop};
 use patchtransfer_core::sparse::{CooMatrix, CscMatrix};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -68,14 +67,13 @@ impl SplineOptimizer {
             CscMatrix::from(&coo)
         });
         threads::run(py, || {
-            let rule = |degree: usize| nodes_per_degree * degree + 1;
-            let elements = Elements::new(&reference, &indices, rule, &extra, &excluded).map_err(runtime)?;
-            Ok(Self { core: Core::new(elements, n_points, free, z).map_err(runtime)? })
+            let model = Model { reference, indices, n_points, nodes_per_degree, extra, excluded };
+            Ok(Self { core: Core::new(model, free, z).map_err(runtime)? })
         })?
     }
 
     fn harmonic<'py>(
-        &self,
+        &mut self,
         py: Python<'py>,
         points: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
@@ -84,13 +82,13 @@ impl SplineOptimizer {
         Ok(array2(py, &out))
     }
 
-    fn determinants(&self, py: Python<'_>, points: PyReadonlyArray2<'_, f64>) -> PyResult<(f64, f64)> {
+    fn determinants(&mut self, py: Python<'_>, points: PyReadonlyArray2<'_, f64>) -> PyResult<(f64, f64)> {
         let x = self.shared_points(&points)?;
         threads::run(py, || self.core.determinants(&x))
     }
 
     fn gradient<'py>(
-        &self,
+        &mut self,
         py: Python<'py>,
         points: PyReadonlyArray2<'py, f64>,
         lambda_: f64,
