@@ -254,7 +254,6 @@ def test_unusable_sources_are_refused(source, message):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"continuity": "g1"}, 'continuity "g1" is not available'),
         ({"continuity": "c2"}, "c0, c1, g1, got 'c2'"),
         ({"method": "magic"}, "method must be one of certified, paper, got 'magic'"),
         ({"refine": "always"}, "refine must be one of never, auto"),
