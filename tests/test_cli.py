@@ -158,7 +158,7 @@ def test_check_tells_extraordinary_vertices(files):
 def test_help_and_version():
     result = run("--version")
     assert (result.exit_code, result.stdout.strip()) == (0, f"patchtransfer, version {pt.__version__}")
-    for command in ([], ["transfer"], ["check"], ["plot"]):
+    for command in ([], ["transfer"], ["refine"], ["check"], ["plot"]):
         result = run(*command, "--help")
         assert result.exit_code == 0
         assert "Usage:" in result.stdout
@@ -396,11 +396,43 @@ def test_bad_landmarks(files, text, message):
     assert listing(files) == before
 
 
-@pytest.mark.parametrize("continuity", ["g1"])
-def test_continuity_that_is_not_available_is_refused(files, continuity):
+def test_g1_is_refused_with_the_remedy_and_works_after_it(files):
     before = listing(files)
-    failed(run(*arguments(files, "--continuity", continuity)), 2, f'continuity "{continuity}" is not available')
+    failed(run(*arguments(files, "--continuity", "g1")), 2, "patchtransfer refine --elevate 1")
     assert listing(files) == before
+    done = run("refine", files / "source.xml", "-o", files / "fine.xml", "--elevate", 1, "--smoothness", 1)
+    assert done.exit_code == 0
+    assert "fine.xml" in done.output
+    where = [files / name for name in ("fine.xml", "target.xml", "out.xml", "landmarks.csv")]
+    given = [
+        "transfer",
+        where[0],
+        where[1],
+        "-o",
+        where[2],
+        "--landmarks",
+        where[3],
+        "--continuity",
+        "g1",
+        "--json",
+        "-",
+    ]
+    data = json.loads(run(*given).stdout)
+    assert data["continuity"]["as_g1_residual"] < 1e-11
+    assert data["continuity"]["rows"]["active"] > 0
+    assert data["continuity"]["rows"]["residual"] < 1e-10
+
+
+def test_refine_keeps_the_geometry(files):
+    options = ("--elevate", 1, "--split", 2, "--smoothness", 0)
+    assert run("refine", files / "source.xml", "-o", files / "fine.xml", *options).exit_code == 0
+    coarse, fine = pt.read(files / "source.xml"), pt.read(files / "fine.xml")
+    assert fine.patches[0].degrees == (3, 3)
+    for a, b in zip(coarse.patches, fine.patches, strict=True):
+        assert np.unique(b.knots[0], return_counts=True)[1].tolist() == [4, 3, 3, 3, 4]
+        np.testing.assert_allclose(a.grid([0.1, 0.7], [0.3, 0.9]), b.grid([0.1, 0.7], [0.3, 0.9]), atol=1e-12)
+    failed(run("refine", files / "nothing.xml", "-o", files / "x.xml"), 2, "nothing.xml")
+    failed(run("refine", files / "source.xml", "-o", files / "x.txt"), 2, "unknown format")
 
 
 @pytest.mark.parametrize("tolerance", ["0", "-1", "2", "nan"])

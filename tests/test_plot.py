@@ -188,3 +188,29 @@ def test_a_boundary_that_does_not_close_can_be_looked_at():
     glued = pt.MultiPatch([patches[0], corner])
     for mp in (touching, glued):
         assert len(collections(plot.multipatch(mp, colorbar=False))) == 2
+
+
+def test_slope_difference_draws_angles_of_both_models():
+    """Known angles: the right square's first column is turned about the interface by 20 degrees before, not after."""
+    after = pt.MultiPatch([square(), square(1)])
+    points = [p.control_points.copy() for p in after.patches]
+    turn = np.radians(20)
+    points[1][1] = points[1][0] + 0.25 * np.array([np.cos(turn), np.sin(turn)])
+    before = after.with_control_points(points)
+    figure = plot.slope_difference(before, after)
+    (ax,) = figure.axes
+    red, blue = ax.lines
+    np.testing.assert_allclose(red.get_ydata(), 20)
+    np.testing.assert_allclose(blue.get_ydata(), 0, atol=1e-9)
+    np.testing.assert_allclose(red.get_xdata(), [1, 2, 3, 4])
+    assert ax.get_title() == "patch 0 east - patch 1 west"
+    assert len(plot.slope_difference(before, after, [0]).axes) == 1
+
+
+def test_slope_difference_refuses_other_models(model, star):
+    with pytest.raises(pt.InputError, match="same interfaces"):
+        plot.slope_difference(model, star)
+    with pytest.raises(pt.InputError, match="at least one"):
+        plot.slope_difference(pt.MultiPatch([square()]), pt.MultiPatch([square()]))
+    with pytest.raises(pt.InputError, match="interface 3 does not exist; there are 1"):
+        plot.slope_difference(model, model, [3])

@@ -134,7 +134,11 @@ def main() -> None:
         if previous:
             before = previous["harmonic"] + previous["minimise"]
             cells.append(f"{np.log(whole / before) / np.log(row['unknown'] / previous['unknown']):10.2f}")
-        print("".join(cells), f"  {row['stop']}, energy {row['energy']:.10g}, least det {row['least det']:.3g}", flush=True)
+        print(
+            "".join(cells),
+            f"  {row['stop']}, energy {row['energy']:.10g}, least det {row['least det']:.3g}",
+            flush=True,
+        )
         previous = row
 
 

@@ -1,4 +1,4 @@
-"""Command line: ``patchtransfer transfer | build | check | plot | poisson | morph | batch | examples``.
+"""Command line: ``patchtransfer transfer | build | refine | check | plot | poisson | morph | batch | examples``.
 
 Exit status: 0 a certified result (or model), 1 not certified, 2 bad input or an infeasible target. Nothing is
 written with status 2, nor with 1 unless ``--keep-uncertified``.
@@ -271,6 +271,25 @@ def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | Non
 
 @main.command()
 @click.argument("file", type=click.Path())
+@click.option("-o", "--output", required=True, metavar="OUT.xml", help="The same model in another spline space.")
+@click.option("--elevate", type=click.IntRange(0, 10), default=0, metavar="N", help="Raise all degrees by N.")
+@click.option("--split", type=click.IntRange(1, 64), default=1, metavar="N", help="Cut every knot span into N.")
+@click.option("--smoothness", type=click.IntRange(0), metavar="R", help="Repeat inner knots until C^R.")
+def refine(file: str, output: str, elevate: int, split: int, smoothness: int | None) -> None:
+    """Raise degrees, split knot spans or repeat knots of the multi-patch FILE; its geometry stays."""
+    from . import io
+
+    with _failures(_Report(None)):
+        _check_outputs(model=output)
+        model = io.read(file)
+        model = (model.elevate(elevate) if elevate else model).split_spans(split)
+        model = model if smoothness is None else model.reduce_continuity(smoothness)
+        io.write(model, output)
+    click.echo(f"{model!r} written to {output}")
+
+
+@main.command()
+@click.argument("file", type=click.Path())
 @_json
 def check(file: str, json_path: str | None) -> None:
     """Topology, certificate, quality and continuity of the multi-patch FILE."""
@@ -356,6 +375,16 @@ def _summary(content: dict[str, Any], output: str | None) -> None:
         table.add_row("  corners allow at most", _number(content["corner_bound"]))
     kink = content["continuity"]["kink_deg"]
     table.add_row("kink across patches", f"mean {_number(kink['mean'])}°   max {_number(kink['max'])}°")
+    smooth = content["continuity"]
+    table.add_row(
+        "residuals across patches",
+        f"C0 {smooth['c0_gap']:.1e}   C1 rows {smooth['c1_residual']:.1e}   AS-G1 {smooth['as_g1_residual']:.1e}",
+    )
+    if smooth.get("rows") is not None:
+        rows = smooth["rows"]
+        table.add_row(
+            "continuity rows", f"{rows['active']} kept to {rows['residual']:.1e}, {rows['left_out']} left out"
+        )
     if "topology" in content:
         topology = content["topology"]
         valences = ", ".join(map(str, sorted(v["valence"] for v in topology["extraordinary_vertices"])))

@@ -18,7 +18,7 @@ from .certificate import Certificate
 from .continuity import ContinuityRows
 from .multipatch import MultiPatch
 from .null_space import RowSpace, row_space
-from .optimize import Certify, Progress, SplineOptimizer, optimize_with_ladder, reporter
+from .optimize import Certify, Progress, SplineOptimizer, optimize_with_ladder
 from .splines import FloatArray
 from .topology import CORNERS, Spoke, Topology
 
@@ -26,8 +26,8 @@ __all__ = ["ActiveRows", "MakeRows", "optimize_under_rows", "rows_summary"]
 
 #: A corner collapses when its scaled Jacobian falls below this fraction of the reference's.
 COLLAPSED = 0.8
-#: Newton steps after which corners are judged.
-FIRST_STEPS = 3
+#: Rows whose residual is below this fraction of the diameter are kept.
+KEPT = 1e-10
 #: Rounds of taking rows from interfaces.
 ROUNDS = 3
 
@@ -79,6 +79,10 @@ class ActiveRows:
             found.append(
                 f"{len(self.without)} of {len(mp.interfaces)} interfaces are C0 only (no certified map keeps the rows "
                 f"there, or the degree is 1): {_names(mp, self.without)}"
+            )
+        if self.residual > KEPT:
+            found.append(
+                f"continuity rows hold to {self.residual:.1e} of the diameter only (rounding in near-singular rows)"
             )
         if self.contradictory:
             found.append(
@@ -133,15 +137,11 @@ def optimize_under_rows(
         Certified in any case: with all rows, with fewer, or the reference with none.
     """
     log: list[str] = []
-    without = frozenset[int]()
-    released = frozenset[Spoke]()
-    for _ in range(ROUNDS):
-        if release:
-            problem, released = _release(topology, make_rows, make, reference, released, without, progress)
-        else:
-            space = row_space(make_rows((), without), topology.interior_points, reference)
-            problem = _Problem(space, make, reference)
-        space = problem.space
+    without, released = frozenset[int](), frozenset[Spoke]()
+    near, rounds = reference, 0
+    while rounds < ROUNDS:
+        space, start, released = _start(topology, make_rows, reference, near, released, without, release)
+        problem = _Problem(space, make, start)
         found, certificate, tried = optimize_with_ladder(
             problem.make,
             problem.start,
@@ -152,10 +152,17 @@ def optimize_under_rows(
             project=space.project,
         )
         log += [f"under {len(space.rows)} rows, {entry}" for entry in tried]
-        if certificate.injective:
+        collapsed = _collapsed(topology, reference, found.points) - released if release else frozenset[Spoke]()
+        if collapsed:
+            released |= collapsed
+            near = found.points if certificate.injective else reference
+            log.append(f"corners collapse: the second rows of {len(collapsed)} interface ends are released")
+        elif certificate.injective:
             return found.points, certificate, log, rows_summary(topology, space, found.points, released)
-        without |= _around(topology, certificate)
-        log.append(f"no certified map satisfies these rows: {len(without)} interfaces lose theirs")
+        else:
+            without |= _around(topology, certificate)
+            near, rounds = reference, rounds + 1
+            log.append(f"no certified map satisfies these rows: {len(without)} interfaces lose theirs")
     everything = frozenset(range(len(topology.interfaces)))
     space = row_space(make_rows((), everything), topology.interior_points, reference)
     return reference, certify(reference), log, rows_summary(topology, space, reference)
@@ -168,41 +175,36 @@ def _renamed(progress: Progress, stage: str, step: int, energy: float, least: fl
 class _Problem:
     """Optimisation under given rows; the plain optimizer is kept."""
 
-    def __init__(self, space: RowSpace, make: Callable[..., SplineOptimizer], near: FloatArray) -> None:
+    def __init__(self, space: RowSpace, make: Callable[..., SplineOptimizer], start: FloatArray) -> None:
         self.space = space
         self._make = make
         self.optimizer = make(null_space=space.basis)
-        self.start = space.project(near)
-        if self.optimizer.minimum_determinant(self.start) <= 0:
-            self.start = self.optimizer.harmonic(self.start)
+        self.start = start if self.optimizer.minimum_determinant(start) > 0 else self.optimizer.harmonic(start)
 
     def make(self, **options: Any) -> SplineOptimizer:
         """As asked for by the ladder."""
         return self._make(null_space=self.space.basis, **options) if options else self.optimizer
 
 
-def _release(
+def _start(
     topology: Topology,
     make_rows: MakeRows,
-    make: Callable[..., SplineOptimizer],
     reference: FloatArray,
+    near: FloatArray,
     released: frozenset[Spoke],
     without: Collection[int],
-    progress: Progress | None,
-) -> tuple[_Problem, frozenset[Spoke]]:
-    """The rows without those at corners that collapse in the first steps, and a start under them."""
-    near = reference
+    release: bool,
+) -> tuple[RowSpace, FloatArray, frozenset[Spoke]]:
+    """The nearest map that satisfies the rows, without those at corners that collapse in it.
+
+    These corners nearly always collapse in the optimum too, and projecting costs much less.
+    """
     while True:
         space = row_space(make_rows(released, without), topology.interior_points, reference)
-        problem = _Problem(space, make, near)
-        found = problem.optimizer.minimise(
-            problem.start, max_steps=FIRST_STEPS, progress=reporter(progress, "under continuity rows")
-        )
-        if found.min_determinant > 0:
-            problem.start = near = found.points
-        more = _collapsed(topology, reference, found.points) - released
+        start = space.project(near)
+        more = _collapsed(topology, reference, start) - released if release else frozenset[Spoke]()
         if not more:
-            return problem, released
+            return space, start, released
         released |= more
 
 

@@ -82,6 +82,7 @@ class InterfaceContinuity:
             "speed_ratio": self.speed_ratio,
             "kink_deg": self.kink.to_dict(),
             "as_g1_residual": self.as_g1_residual,
+            "gluing": list(self.gluing),
             "gluing_positive": self.gluing_positive,
         }
 
@@ -186,9 +187,9 @@ def check_continuity(mp: MultiPatch, samples: int = 20) -> ContinuityReport:
 
     Notes
     -----
-    D_a, D_b are the derivatives across the interface, pointing into the two patches; p the degree and h the
-    first knot span across; L_j, s_j, R_j the control points in the first row of one patch, on the interface,
-    and in the first row of the other.
+    D_a, D_b are the derivatives across the interface, pointing into the two patches, whose domains are taken to
+    be unit squares; p the degree and h the first knot span across; L_j, s_j, R_j the control points in the first
+    row of one patch, on the interface, and in the first row of the other.
 
     C1 rows: ω_a (p_a/h_a)(L_j − s_j) + ω_b (p_b/h_b)(R_j − s_j) = 0, scaled so that the factors of s_j add up
     to one. This is 2s − p − q = 0 of the paper (Eq. 10) where speeds and spans agree. The ratio ω_a : ω_b is
@@ -216,7 +217,7 @@ def check_continuity(mp: MultiPatch, samples: int = 20) -> ContinuityReport:
     for members in groups.values():
         sampled.update(zip(members, _sample([edges[i] for i in members], samples), strict=True))
     found = [sampled[i] for i in range(len(edges))]
-    ratios = _chord_ratios(mp, edges, vertices, found)
+    ratios = _chord_ratios(mp, found)
     interfaces = tuple(_report(mp, *item) for item in zip(mp.interfaces, edges, found, ratios, strict=True))
     count = sum(s.count for s in found)
     worst = max(interfaces, key=lambda f: f.kink.max).kink
@@ -249,7 +250,6 @@ class _Edge:
     a: _Rows
     b: _Rows
     ends: tuple[int, int]
-    a_left: bool
     dropped: tuple[int, int]
     rational: bool
 
@@ -284,7 +284,6 @@ def _edge(mp: MultiPatch, f: Interface, vertices: dict[int, Vertex]) -> _Edge:
         _rows(a, f.side_a, False),
         _rows(b, f.side_b, f.reversed),
         ends,
-        not directed.reversed,
         (dropped[0], dropped[1]),
         a.weights is not None or b.weights is not None,
     )
@@ -293,7 +292,9 @@ def _edge(mp: MultiPatch, f: Interface, vertices: dict[int, Vertex]) -> _Edge:
 def _rows(patch: Patch, side: Side, reverse: bool) -> _Rows:
     axis = 1 - side.axis
     knots, p = patch.knots[axis], patch.degrees[axis]
-    scale = p / float(knots[-1] - knots[-p - 2] if side.at_end else knots[p + 1] - knots[0])
+    # On a domain of length 1: along a chord, speeds of patches with other domains are comparable then.
+    span = knots[-1] - knots[-p - 2] if side.at_end else knots[p + 1] - knots[0]
+    scale = p * float((knots[-1] - knots[0]) / span)
 
     def row(k: int) -> FloatArray:
         points = side.of(patch.control_points, k)
@@ -421,50 +422,17 @@ def _nearest_to_one(sigma: FloatArray, vt: FloatArray) -> FloatArray:
     return np.where(length > 0, x / np.where(length > 0, length, 1.0), vt[:, -1])
 
 
-def _chord_ratios(
-    mp: MultiPatch, edges: list[_Edge], vertices: dict[int, Vertex], found: list[_Samples]
-) -> list[float]:
+def _chord_ratios(mp: MultiPatch, found: list[_Samples]) -> list[float]:
     """ω_a / ω_b of every interface: the log-mean of |D_right| / |D_left| along its chord."""
-    left = _a_on_left(mp, edges, vertices)
-    ratios = [1.0] * len(left)
-    for chord in mp.topology.chords:
-        count = sum(found[i].count for i in chord)
-        mean = sum(left[i] * found[i].log_ratio_sum for i in chord) / max(count, 1)
-        for i in chord:
-            ratios[i] = math.exp(left[i] * mean)
+    ratios = [1.0] * len(found)
+    for chord in mp.topology.directed_chords:
+        # Run with the chord, patch a is on the left, or run against it, on the right.
+        signs = {i: 1 if forward else -1 for i, forward in chord}
+        count = sum(found[i].count for i in signs)
+        mean = sum(sign * found[i].log_ratio_sum for i, sign in signs.items()) / max(count, 1)
+        for i, sign in signs.items():
+            ratios[i] = math.exp(sign * mean)
     return ratios
-
-
-def _a_on_left(mp: MultiPatch, edges: list[_Edge], vertices: dict[int, Vertex]) -> list[int]:
-    """+1 where patch a of an interface lies on the left of its chord (run in one sense), else -1."""
-    chord_of = {i: k for k, chord in enumerate(mp.topology.chords) for i in chord}
-    at: dict[int, list[tuple[int, bool]]] = defaultdict(list)
-    for i, edge in enumerate(edges):
-        at[edge.ends[0]].append((i, True))
-        at[edge.ends[1]].append((i, False))
-    following: dict[int, list[tuple[int, bool]]] = defaultdict(list)
-    for point, around in at.items():
-        if not vertices[point].interior or vertices[point].valence != 4:
-            continue
-        for i, i_starts in around:
-            for j, j_starts in around:
-                f, g = mp.interfaces[i], mp.interfaces[j]
-                if chord_of[i] == chord_of[j] and not {f.patch_a, f.patch_b} & {g.patch_a, g.patch_b}:
-                    # A chord that comes in along one goes out along the other.
-                    following[i].append((j, i_starts != j_starts))
-    forward: dict[int, bool] = {}
-    for first in range(len(mp.interfaces)):
-        if first in forward:
-            continue
-        forward[first] = True
-        stack = [first]
-        while stack:
-            i = stack.pop()
-            for j, same_sense in following[i]:
-                if j not in forward:
-                    forward[j] = forward[i] == same_sense
-                    stack.append(j)
-    return [1 if forward[i] == edge.a_left else -1 for i, edge in enumerate(edges)]
 
 
 def _report(mp: MultiPatch, f: Interface, edge: _Edge, found: _Samples, ratio: float) -> InterfaceContinuity:

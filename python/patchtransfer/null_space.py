@@ -23,7 +23,7 @@ from .topology import IntArray
 
 __all__ = ["RowSpace", "row_space"]
 
-#: Singular values below this fraction of the largest are zero (the gap is from 0.01 to 1e-15).
+#: Singular values below this are zero; rows have unit size (the gap is from 0.01 to 1e-15 in nearly all models).
 RANK_TOLERANCE = 1e-10
 #: An interface's own points are solved for where singular values exceed this.
 STRONG = 1e-2
@@ -171,11 +171,11 @@ def _substituted(rows: ContinuityRows, first: IntArray, free: np.ndarray) -> tup
 
 
 def _interfaces_solved(rows: ContinuityRows, free: np.ndarray) -> tuple[csr_array, csr_array, IntArray]:
-    """Solve the rows of every interface for the points that no other interface touches.
+    """Solve the rows of every interface for points that no other interface touches.
 
-    Unknowns that remain are the points that interfaces share or that have no rows, and the coordinates in which an
-    interface's own points are free or weakly determined. Returns as `_substituted`; the equations are combinations of
-    an interface's rows, and any of them stands for all.
+    Unknowns that remain are the points that interfaces share or that have no rows, and those of an interface's own
+    that its rows leave free or determine weakly. Returns as `_substituted`; the equations are combinations of an
+    interface's rows, and any of them stands for all.
     """
     n = len(free)
     touched = csr_array((np.ones(rows.matrix.nnz), rows.matrix.indices, rows.matrix.indptr), shape=rows.matrix.shape)
@@ -195,16 +195,17 @@ def _interfaces_solved(rows: ContinuityRows, free: np.ndarray) -> tuple[csr_arra
         block = csr_array(rows.matrix[r])
         used = np.unique(block.indices)
         own, rest = used[owned[used]], used[~owned[used]]
-        u, sigma, vt = np.linalg.svd(block[:, own].toarray())
-        strong, weak = (int((sigma > limit).sum()) for limit in (STRONG, RANK_TOLERANCE))
-        outside = u.T @ block[:, rest].toarray()
-        # own = V_strong (-outside / sigma) + V_other y with new unknowns y.
-        columns = np.concatenate([column[rest], width + np.arange(len(own) - strong)])
-        width += len(own) - strong
-        lifts.append((own, columns, np.hstack([-(vt[:strong].T / sigma[:strong]) @ outside[:strong], vt[strong:].T])))
-        left = np.zeros((len(r) - strong, len(own) - strong))
-        np.fill_diagonal(left[: weak - strong, : weak - strong], sigma[strong:weak])
-        equations.append((np.arange(len(r) - strong), columns, np.hstack([outside[strong:], left])))
+        u, sigma, _ = np.linalg.svd(block[:, own].toarray())
+        strong = int((sigma > STRONG).sum())
+        inside, outside = u.T @ block[:, own].toarray(), u.T @ block[:, rest].toarray()
+        solution, null = _echelon(inside[:strong])
+        columns = np.concatenate([column[rest], width + np.arange(null.shape[1])])
+        width += null.shape[1]
+        # own = -solution outside + null y, with new unknowns y: some of the points themselves.
+        lifts.append((own, columns, np.hstack([-solution @ outside[:strong], null])))
+        weak = inside[strong:]
+        left = np.hstack([outside[strong:] - weak @ solution @ outside[:strong], weak @ null])
+        equations.append((np.arange(len(r) - strong), columns, left))
         others.append(r[strong:])
     offsets = np.cumsum([0, *(len(r) for r, _, _ in equations)])
     shifted = [(r + k, c, block) for (r, c, block), k in zip(equations, offsets[:-1], strict=True)]
@@ -243,17 +244,45 @@ def _solve_groups(
         kept = _consistent(dense, np.asarray(bound @ points), tolerance, order[r])
         dropped += r[~kept].tolist()
         u, sigma, vt = np.linalg.svd(dense[kept])
-        rank = int((sigma > RANK_TOLERANCE * sigma.max(initial=0.0)).sum())
+        rank = int((sigma > RANK_TOLERANCE).sum())
         redundant += int(kept.sum()) - rank
-        inverse = (vt[:rank].T / sigma[:rank]) @ u[:, :rank].T
+        # On orthonormal rows: weak ones would lose their digits.
+        solution, null = _echelon(vt[:rank])
+        solution = solution @ (u[:, :rank].T / sigma[:rank, None])
         places.append(c)
-        nulls.append(vt[rank:].T)
-        solutions.append(csr_array(csr_array(-inverse) @ bound[kept]))
+        nulls.append(null)
+        solutions.append(csr_array(csr_array(-solution) @ bound[kept]))
     alone = np.setdiff1d(np.arange(matrix.shape[1]), np.concatenate([[], *places]))
     order_of = np.concatenate([alone, *places]).astype(int)
     null = block_diag([eye_array(len(alone)), *nulls], format="csr")[np.argsort(order_of)]
     stacked = vstack([csr_array((len(alone), fixed.shape[1])), *solutions], format="csr")[np.argsort(order_of)]
     return csr_array(null), csr_array(stacked), np.array(dropped, int), redundant
+
+
+def _echelon(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Solve ``matrix`` y = b of full row rank for as many entries of y as it has rows, the best pivots.
+
+    Returns the solution's matrix on b, where the other entries are 0, and null vectors: sparser than orthonormal
+    ones, because the other entries are their coordinates.
+    """
+    k, n = matrix.shape
+    # Gauss-Jordan with complete pivoting: LAPACK's pivoted QR costs more in threads than these small matrices do.
+    work, pivots = np.hstack([matrix, np.eye(k)]), np.full(k, -1)
+    for _ in range(k):
+        size = np.abs(work[:, :n])
+        size[pivots >= 0] = 0.0
+        row, column = divmod(int(size.argmax()), n)
+        pivots[row] = column
+        work[row] /= work[row, column]
+        factor = work[:, column].copy()
+        factor[row] = 0.0
+        work -= factor[:, None] * work[row]
+    others = np.setdiff1d(np.arange(n), pivots)
+    solution, null = np.zeros((n, k)), np.zeros((n, n - k))
+    solution[pivots] = work[:, n:]
+    null[pivots] = -work[:, others]
+    null[others, np.arange(n - k)] = 1.0
+    return solution, null
 
 
 def _tied(matrix: csr_array) -> list[tuple[IntArray, IntArray]]:

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from .errors import InputError
 from .io.atomic import write_atomic
 from .multipatch import Boundary, MultiPatch
+from .plot_continuity import slope_difference
 from .quality import sample
 from .splines import BSplineCurve, FloatArray, knot_spans
 from .topology import polygon_area
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-__all__ = ["boundary", "html", "multipatch", "png", "registration", "savefig", "transfer"]
+__all__ = ["boundary", "html", "multipatch", "png", "registration", "savefig", "slope_difference", "transfer"]
 
 INK, GREY, FOLDED = "#1b1b1b", "#6b6b6b", "#e8000b"
 SUFFIXES = ("png", "svg", "pdf")
