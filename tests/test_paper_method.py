@@ -141,7 +141,7 @@ def test_no_flips_on_strong_stretches(name, factor, angle):
     """Cases on which 2000 steps with slowly raised bounds left flips."""
     mp, _, _ = examples.load(name)
     target, landmarks = targets.deformed(mp, targets.stretch(factor, angle))
-    result = TransferPlan(mp).transfer(target, landmarks, method="paper", on_failure="return")
+    result = TransferPlan(mp, "c0").transfer(target, landmarks, method="paper", on_failure="return")
     history = result.paper_history
     assert history.flips[-1] == 0
     assert max(history.flips) > 0
