@@ -179,6 +179,27 @@ def test_a_process_that_dies_is_a_failure_of_its_target_only(case):
     assert "process ended" in rows[files[0]].error
 
 
+class Panic(BaseException):
+    """As the core's, no subclass of Exception."""
+
+
+@pytest.mark.parametrize("error", [Panic("at the disco"), ZeroDivisionError("by zero"), MemoryError()])
+def test_unexpected_errors_are_isolated_too(case, monkeypatch, error):
+    folder, source, files = case
+    original = TransferPlan.transfer
+
+    def failing(self, target, landmarks=None, **options):
+        if landmarks is None:
+            raise error
+        return original(self, target, landmarks, **options)
+
+    monkeypatch.setattr(TransferPlan, "transfer", failing)
+    (folder / "b.landmarks.csv").unlink()
+    rows = run_batch(source, [files[0], files[2]], folder / "out")
+    assert [row.ok for row in rows] == [True, False]
+    assert type(error).__name__ in rows[1].error
+
+
 def test_bad_input(case):
     folder, source, files = case
     with pytest.raises(InputError, match="same name"):
