@@ -158,7 +158,7 @@ def test_processes_give_the_same(case):
 
 
 class Dying(TransferPlan):
-    """A plan whose process dies on the target in the middle."""
+    """A plan whose process dies on a target with two loops."""
 
     def transfer(self, target, landmarks=None, **options):
         if len(target.loops) == 2:
@@ -170,13 +170,34 @@ def test_a_process_that_dies_is_a_failure_of_its_target_only(case):
     folder, source, files = case
     ring = models.annulus(4, 3, 2)
     pt.write(ring.boundary(), folder / "deadly.xml")
-    files = [files[0], folder / "deadly.xml", files[2]]
+    files = [folder / "deadly.xml", files[0]]
     out = folder / "out"
     out.mkdir()
     jobs = _jobs(source, files, out)
-    rows = {job.target: row for job, row in _in_processes(Dying(pt.read(source)), jobs, BatchOptions(), 2)}
-    assert [rows[f].ok for f in files] == [True, False, True]
-    assert "process ended" in rows[files[1]].error
+    rows = {job.target: row for job, row in _in_processes(Dying(pt.read(source)), jobs, BatchOptions(), 1)}
+    assert [rows[f].ok for f in files] == [False, True]
+    assert "process ended" in rows[files[0]].error
+
+
+class Panic(BaseException):
+    """As the core's, no subclass of Exception."""
+
+
+@pytest.mark.parametrize("error", [Panic("at the disco"), ZeroDivisionError("by zero"), MemoryError()])
+def test_unexpected_errors_are_isolated_too(case, monkeypatch, error):
+    folder, source, files = case
+    original = TransferPlan.transfer
+
+    def failing(self, target, landmarks=None, **options):
+        if landmarks is None:
+            raise error
+        return original(self, target, landmarks, **options)
+
+    monkeypatch.setattr(TransferPlan, "transfer", failing)
+    (folder / "b.landmarks.csv").unlink()
+    rows = run_batch(source, [files[0], files[2]], folder / "out")
+    assert [row.ok for row in rows] == [True, False]
+    assert type(error).__name__ in rows[1].error
 
 
 def test_bad_input(case):

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 import models
 import patchtransfer as pt
+import targets
 from patchtransfer import Deformer, InfeasibleTargetError, InputError, NotCertifiedError, deform, examples
 from patchtransfer.outline import Outline
 
@@ -139,6 +140,29 @@ def test_impossible_drags():
     # One span a side cannot follow this inside without folding, or the boundary crosses itself.
     with pytest.raises((InfeasibleTargetError, NotCertifiedError)):
         deformer.deform([handle(deformer.multipatch, 0.125, (0.0, 0.97))], radius=0.4)
+
+
+def test_refill_takes_any_boundary_on_the_same_sides():
+    mp = models.o_grid(3, 2)
+    plan = pt.TransferPlan(mp)
+    points = mp.topology.coordinates.copy()
+    boundary = mp.topology.boundary_points
+    points[boundary] = targets.bend(mp, 40)(points[boundary])
+    points[mp.topology.interior_points] = 7.0  # does not matter
+    found = plan.refill(points)
+    assert found.certificate.injective
+    np.testing.assert_array_equal(found.multipatch.topology.coordinates[boundary], points[boundary])
+    again = plan.refill(found.multipatch.topology.coordinates).multipatch
+    np.testing.assert_allclose(
+        again.topology.coordinates, found.multipatch.topology.coordinates, atol=1e-6 * mp.diameter
+    )
+    with pytest.raises(InputError, match="refill"):
+        plan.refill(points[1:])
+    with pytest.raises(InputError, match="refill"):
+        plan.refill(points * np.nan)
+    with pytest.raises(InfeasibleTargetError, match="boundary"):
+        points[boundary] = np.random.default_rng(0).permutation(points[boundary])
+        plan.refill(points)
 
 
 def test_bad_input(wrench):

@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 
 import models
 import patchtransfer as pt
 import strategies
 from patchtransfer import InputError, MultiPatch, Patch, examples
+from patchtransfer.cli import main
 from patchtransfer.io import vtu
 
 BEZIER_QUADRILATERAL = 77
@@ -140,6 +142,35 @@ def test_scaled_jacobian(tmp_path):
             swap = mp.topology.orientation[k] < 0
             found = evaluate(grid, cell, *((t, s) if swap else (s, t)), field="scaled_jacobian")
             np.testing.assert_allclose(found, [expected], atol=1e-10)
+
+
+def test_a_viewers_picture_has_the_right_area(tmp_path):
+    """Cells as VTK tessellates them for display: their area tends to that of the domain."""
+    mp, _, _ = examples.load("human")
+    pt.write(mp, tmp_path / "human.vtu")
+    grid = load(tmp_path / "human.vtu")
+    from vtkmodules.vtkFiltersCore import vtkMassProperties, vtkTriangleFilter
+    from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
+
+    surface, triangles, mass = vtkDataSetSurfaceFilter(), vtkTriangleFilter(), vtkMassProperties()
+    surface.SetInputData(grid)
+    surface.SetNonlinearSubdivisionLevel(3)
+    triangles.SetInputConnection(surface.GetOutputPort())
+    mass.SetInputConnection(triangles.GetOutputPort())
+    mass.Update()
+    loops = [np.concatenate([c(np.linspace(*c.domain, 400)[:-1]) for c in loop]) for loop in mp.boundary().loops]
+    area = sum(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) for x, y in (loop.T for loop in loops))
+    assert mass.GetSurfaceArea() == pytest.approx(area, rel=1e-4)
+
+
+def test_command_line_writes_it_too(tmp_path):
+    mp = models.grid(1, 1)
+    pt.write(mp, tmp_path / "a.xml")
+    result = CliRunner().invoke(
+        main, ["transfer", str(tmp_path / "a.xml"), str(tmp_path / "a.xml"), "-o", str(tmp_path / "b.vtu")]
+    )
+    assert result.exit_code == 0, result.output
+    assert load(tmp_path / "b.vtu").GetNumberOfCells() == sum(1 for _ in cells_in_order(mp))
 
 
 def test_series(tmp_path):

@@ -179,6 +179,13 @@ def test_bad_input():
         morph(single, MultiPatch([p.with_control_points(p.control_points * [-1, 1])]))
 
 
+def test_separate_parts_are_refused_where_they_must_turn():
+    p = models.grid(1, 1, 2, 2).patches[0]
+    two = MultiPatch([p, p.with_control_points(p.control_points + np.array([3, 0]))])
+    with pytest.raises(InputError, match="2 separate parts"):
+        morph(two, two, 3, way="rigid")
+
+
 def test_rational_models_are_interpolated():
     r = 0.5**0.5
     points = np.array([[[1, 0], [2, 0]], [[1, 1], [2, 2]], [[0, 1], [0, 2]]], float)

@@ -7,7 +7,7 @@ from scipy.sparse import csc_array
 import models
 import patchtransfer as pt
 import targets
-from patchtransfer import InputError, TransferPlan, examples
+from patchtransfer import InputError, TransferPlan, _core, examples
 from patchtransfer.background_mesh import TriangleMesh, source_mesh
 from patchtransfer.harmonic import mesh_harmonic_map
 from patchtransfer.paper_method import frozen_points, paper_map
@@ -147,6 +147,19 @@ def test_no_flips_on_strong_stretches(name, factor, angle):
     assert max(history.flips) > 0
     assert list(history.k_max) == sorted(history.k_max)
     assert len(history.flips) < 2000
+
+
+def test_results_do_not_depend_on_the_number_of_threads(case):
+    mp, start = case
+    try:
+        results = []
+        for n in (1, 2, 3):
+            _core.set_threads(n)
+            results.append(paper_map(mp.topology, start).points)
+    finally:
+        _core.set_threads(0)
+    np.testing.assert_array_equal(results[0], results[1])
+    np.testing.assert_array_equal(results[0], results[2])
 
 
 def test_result_carries_the_history():

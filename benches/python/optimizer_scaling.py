@@ -19,12 +19,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from transfer_yeti import SciPyOptimizer, bend, gismo
 
 import patchtransfer as pt
 from patchtransfer import _core, examples
 from patchtransfer.optimize import SplineOptimizer
-from patchtransfer.transfer import refine_uniformly
-from transfer_yeti import SciPyOptimizer, bend, gismo
+from patchtransfer.refinement import refine_uniformly
 
 #: Largest number of unknown points at which a peer is still run.
 LIMITS = {"SuperLU": 40_000, "CHOLMOD": 200_000, "G+Smo": 2_000}

@@ -249,8 +249,10 @@ def _transfer(plan: TransferPlan, job: _Job, options: BatchOptions) -> BatchRow:
             fit_tolerance=options.fit_tolerance,
             on_failure="return" if options.keep_uncertified else "raise",
         )
-    except (TransferError, ArithmeticError, ValueError, LookupError, RuntimeError, MemoryError) as error:
-        # Errors of ours explain themselves; others must not end the batch either.
+    except BaseException as error:
+        if isinstance(error, (KeyboardInterrupt, SystemExit)):
+            raise
+        # Errors of ours explain themselves; others, a panic of the core among them, must not end the batch either.
         expected = isinstance(error, TransferError)
         text = str(error) if expected else f"{type(error).__name__}: {error} (please report this with the target)"
         status = "failed"

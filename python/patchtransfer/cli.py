@@ -27,7 +27,7 @@ from .errors import InputError, NotCertifiedError, TransferError
 __all__ = ["main"]
 
 NOT_CERTIFIED, BAD_INPUT = 1, 2
-SUFFIXES = {"model": (".xml",), "picture": (".png", ".svg", ".pdf"), "report": (".json", ".txt")}
+SUFFIXES = {"model": (".xml", ".vtu"), "picture": (".png", ".svg", ".pdf"), "report": (".json", ".txt")}
 
 
 @contextmanager

@@ -250,6 +250,11 @@ class _Blend:
 
     def rigid(self, t: float) -> FloatArray:
         if self._rigid is None:
+            if self._a.n_components != 1:
+                raise InputError(
+                    f"the models have {self._a.n_components} separate parts (are interfaces missing?), which cannot be "
+                    "blended rigidly; morph them one by one"
+                )
             forth, _ = source_mesh(self._a)
             moved = self._models[0].with_shared_points(self._rest)
             back, _ = source_mesh(moved.topology)
