@@ -55,6 +55,23 @@ def evaluate_outline(pieces: FloatArray, table: FloatArray, s: FloatArray, from_
 def outline_feet(
     pieces: FloatArray, table: FloatArray, points: FloatArray, s: FloatArray, reach: FloatArray
 ) -> FloatArray: ...
+def inner_distances(points: FloatArray, sizes: list[int]) -> FloatArray: ...
+
+class Matching:
+    def __init__(
+        self,
+        source: FloatArray,
+        target: FloatArray,
+        cost: FloatArray,
+        point_cost: FloatArray,
+        source_skip: FloatArray,
+        target_skip: FloatArray,
+        stretch: float,
+        band: float,
+    ) -> None: ...
+    def scan(self, starts: list[int]) -> FloatArray: ...
+    def solve(self, start: int) -> tuple[float, IntArray] | None: ...
+
 def set_threads(n: int) -> None: ...
 
 class SplineOptimizer:

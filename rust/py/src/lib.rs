@@ -4,6 +4,7 @@ use pyo3::prelude::*;
 
 mod certificate;
 mod convert;
+mod correspondence;
 mod mesh;
 mod optimizer;
 mod spline;
@@ -17,5 +18,6 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     certificate::register(m)?;
     mesh::register(m)?;
     spline::register(m)?;
+    correspondence::register(m)?;
     Ok(())
 }
