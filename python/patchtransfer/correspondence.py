@@ -34,9 +34,9 @@ REMEMBERED = 0.3
 #: Part of the loop by which a matching may stray from equal fractions of arc length.
 BAND = 0.25
 #: Candidates that are worked out, and by how many nodes their starts may move in each round.
-CANDIDATES, START_MOVES = 4, (2, 1, 1)
+CANDIDATES, START_MOVES = 6, (2, 1, 1)
 #: Candidates worse than the best by this factor, and this much, are not worked out to the end.
-HOPELESS, HOPE = 4.0, 0.01
+HOPELESS, HOPE = 3.0, 0.003
 #: Matchings whose images differ by less than this part of the loop on average are the same.
 SAME = 0.01
 #: Matchings this close in score, relatively and absolutely, are equally good.

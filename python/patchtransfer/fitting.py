@@ -17,6 +17,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array, eye_array
+from scipy.sparse.linalg import spsolve
 
 from .errors import InputError
 from .outline import Outline, hausdorff
@@ -406,7 +408,9 @@ def _turn(groups: Sequence[_Group], joints: Sequence[_Joint]) -> None:
     for j, joint in enumerate(joints):
         ends[id(joint.before[0])][joint.before[1], 1] = j
         ends[id(joint.after[0])][joint.after[1], 0] = j
-    matrix, right = np.zeros((len(joints), len(joints))), np.zeros(len(joints))
+    n = len(joints)
+    entries: list[tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]] = []
+    right = np.zeros(n)
     worst = max(float(group.error.max()) for group in groups)
     for group in groups:
         stiffness, gradient = group.turning()
@@ -417,9 +421,13 @@ def _turn(groups: Sequence[_Group], joints: Sequence[_Joint]) -> None:
             np.add.at(right, index[rows, a], share[rows] * gradient[rows, a])
             for b in range(2):
                 rows = np.flatnonzero((index[:, a] >= 0) & (index[:, b] >= 0))
-                np.add.at(matrix, (index[rows, a], index[rows, b]), share[rows] * stiffness[rows, a, b])
-    matrix[np.diag_indices(len(joints))] += 1e-9 * np.trace(matrix) / len(joints) + 1e-300
-    for joint, angle in zip(joints, np.clip(np.linalg.solve(matrix, right), -MAX_TURN, MAX_TURN), strict=True):
+                entries.append((share[rows] * stiffness[rows, a, b], index[rows, a], index[rows, b]))
+    # A joint meets the two next to it only: cyclic tridiagonal, loop by loop.
+    values, at, other = (np.concatenate(part) for part in zip(*entries, strict=True))
+    matrix = coo_array((values, (at, other)), shape=(n, n)).tocsc()
+    shift = 1e-9 * matrix.diagonal().sum() / n + 1e-300
+    angles = spsolve(matrix + shift * eye_array(n, format="csc"), right)
+    for joint, angle in zip(joints, np.clip(angles, -MAX_TURN, MAX_TURN), strict=True):
         group, row = joint.after
         turned = np.cos(angle) * group.axis(0, 0)[row] + np.sin(angle) * group.axis(0, 1)[row]
         turned /= np.linalg.norm(turned)

@@ -47,6 +47,10 @@ class RunnerUp:
     score: float
     landmarks: FloatArray
 
+    def to_dict(self) -> dict[str, object]:
+        """Both, ready for JSON."""
+        return {"score": self.score, "landmarks": self.landmarks.tolist()}
+
 
 @dataclass(frozen=True)
 class LoopRegistration:
