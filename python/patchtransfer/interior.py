@@ -133,7 +133,14 @@ class InteriorSolver:
     def certify(self, points: FloatArray, clock: Clock) -> Certificate:
         """Proof of injectivity for shared control points."""
         with clock("certificate"):
-            return certify(self.source.with_shared_points(points))
+            return certify(self.model(points))
+
+    def model(self, points: FloatArray) -> MultiPatch:
+        """The source with other control points; the last one is kept."""
+        last = self._thread.__dict__.get("model")
+        if last is None or last[0] is not points:
+            last = self._thread.model = points, self.source.with_shared_points(points)
+        return last[1]
 
     def optimizer(
         self,

@@ -131,7 +131,7 @@ class Registration:
 
 
 def register(
-    source: Sequence[Sequence[BSplineCurve]],
+    source: Sequence[Outline | Sequence[BSplineCurve]],
     target: Boundary,
     landmarks: ArrayLike | None = None,
     *,
@@ -141,7 +141,7 @@ def register(
 
     Parameters
     ----------
-    source : loops of curves
+    source : loops of curves, or their outlines
         The source's boundary with the domain on the left, outer loop first (``multipatch.boundary().loops``).
     target : Boundary
         Loops in any order, sense, start and segmentation.
@@ -163,7 +163,7 @@ def register(
     InputError
         On landmarks off the curves, out of order, or on loops that do not correspond.
     """
-    source_loops = [Outline(loop) for loop in source]
+    source_loops = [loop if isinstance(loop, Outline) else Outline(loop) for loop in source]
     target_loops = _outlines(target)
     if len(source_loops) != len(target_loops):
         raise InfeasibleTargetError(

@@ -152,6 +152,7 @@ class TransferPlan:
             )
         self._welded = source.with_shared_points(topology.coordinates)
         self._loops = self._welded.boundary().loops
+        self._outlines = [Outline(loop) for loop in self._loops]
         valence = {vertex.point: vertex.valence for vertex in topology.vertices}
         starts = [[int(side.points(topology.points[side.patch])[0]) for side in loop] for loop in topology.loops]
         self._single = [[valence[point] == 1 for point in loop] for loop in starts]
@@ -273,7 +274,7 @@ class TransferPlan:
     def _register(self, target: Boundary, landmarks: ArrayLike | None, method: str, clock: Clock) -> Registration:
         """Correspondence of the boundaries, on a target that allows an injective map."""
         with clock("registration"):
-            registration = register(self._loops, target, landmarks, marked_curves=method == "paper")
+            registration = register(self._outlines, target, landmarks, marked_curves=method == "paper")
         with clock("feasibility"):
             # As given, so that messages name the user's own loops, curves and parameters.
             notes = check_loops(target.loops, "target boundary")
@@ -370,7 +371,7 @@ class TransferPlan:
                 f'patches are joined C0 only, not "{self.continuity}": there is no injective map to start from'
             )
         with clock("quality"):
-            multipatch = self.source.with_shared_points(found.points)
+            multipatch = self._interior.model(found.points)
             metrics = quality(multipatch, exclude=degenerate)
         with clock("continuity report"):
             continuity = check_continuity(multipatch)
