@@ -7,7 +7,7 @@ says. A certified reference therefore never turns into an uncertified result.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -22,10 +22,12 @@ from .optimize import Certify, Progress, SplineOptimizer, optimize_with_ladder
 from .splines import FloatArray
 from .topology import CORNERS, Spoke, Topology
 
-__all__ = ["ActiveRows", "MakeRows", "optimize_under_rows", "rows_summary"]
+__all__ = ["ActiveRows", "MakeRows", "best_under_rows", "optimize_under_rows", "rows_summary"]
 
 #: A corner collapses when its scaled Jacobian falls below this fraction of the reference's.
 COLLAPSED = 0.8
+#: A choice of rows costs too much when the smallest determinant falls below this fraction of the reference's.
+SPOILT = 0.5
 #: Rows whose residual is below this fraction of the diameter are kept.
 KEPT = 1e-10
 #: Rounds of taking rows from interfaces.
@@ -102,6 +104,40 @@ def _names(mp: MultiPatch, interfaces: Collection[int]) -> str:
 
 #: ``make_rows(released, without)`` gives the rows without those named.
 MakeRows = Callable[[Collection[Spoke], Collection[int]], ContinuityRows]
+
+
+def best_under_rows(
+    topology: Topology,
+    choices: Sequence[MakeRows],
+    make: Callable[..., SplineOptimizer],
+    reference: FloatArray,
+    certify: Certify,
+    progress: Progress | None = None,
+    *,
+    release: bool = True,
+) -> tuple[FloatArray, Certificate, list[str], ActiveRows]:
+    """`optimize_under_rows` with the first choice of rows; with the next where that costs too much.
+
+    That is where interfaces lost their rows, or the smallest determinant fell below half of the reference's. Among the
+    choices tried the one with most interfaces, then with least distortion, is kept.
+    """
+    if len(choices) == 1:
+        return optimize_under_rows(topology, choices[0], make, reference, certify, progress, release=release)
+    plain = make()
+    enough = SPOILT * plain.minimum_determinant(reference)
+    tried: list[tuple[tuple[int, float], tuple[FloatArray, Certificate, list[str], ActiveRows]]] = []
+    log: list[str] = []
+    for make_rows in choices:
+        found = optimize_under_rows(topology, make_rows, make, reference, certify, progress, release=release)
+        log += found[2]
+        missing = len(found[3].without) + len(found[3].contradictory)
+        tried.append(((missing, plain.minimise(found[0], max_steps=0).energy), found))
+        if not missing and plain.minimum_determinant(found[0]) >= enough:
+            break
+    points, certificate, _, rows = min(tried, key=lambda entry: entry[0])[1]
+    if len(tried) > 1:
+        log.append(f"{len(tried)} choices of rows were tried, the one of least distortion is kept")
+    return points, certificate, log, rows
 
 
 def optimize_under_rows(

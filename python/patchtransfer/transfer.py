@@ -20,7 +20,7 @@ from scipy.sparse import csc_array
 from .background_mesh import source_mesh
 from .bounded_distortion import remove_foldovers
 from .certificate import Certificate, certify
-from .constrained import ActiveRows, optimize_under_rows, rows_summary
+from .constrained import ActiveRows, best_under_rows, rows_summary
 from .continuity import ContinuityRows, c1_rows
 from .continuity_report import check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError
@@ -355,8 +355,11 @@ class TransferPlan:
         points, rows = found.points, None
         for level in self._levels if certificate.injective else ():
             with clock("continuity rows"):
-                points, certificate, under, rows = optimize_under_rows(
-                    topology, partial(self._rows, level, points), make, points, check, progress, release=level == "c1"
+                choices = [
+                    partial(self._rows, choice, points) for choice in (level, "g1 linear")[: 1 + (level == "g1")]
+                ]
+                points, certificate, under, rows = best_under_rows(
+                    topology, choices, make, points, check, progress, release=level == "c1"
                 )
             log += under
         return points, certificate, log, rows
@@ -374,8 +377,8 @@ class TransferPlan:
         without: Collection[int] = (),
     ) -> ContinuityRows:
         """Continuity rows that follow the speeds and frames of a reference map."""
-        if level == "g1":
-            return g1_rows(self.source.topology, self._control, reference, without)
+        if level.startswith("g1"):
+            return g1_rows(self.source.topology, self._control, reference, without, linear=level == "g1 linear")
         return c1_rows(self.source.topology, self._control, reference, released, without)
 
     def _optimizer(
