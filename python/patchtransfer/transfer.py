@@ -20,7 +20,7 @@ from scipy.sparse import csc_array
 from .background_mesh import source_mesh
 from .bounded_distortion import remove_foldovers
 from .certificate import Certificate, certify
-from .constrained import ActiveRows, best_under_rows, rows_summary
+from .constrained import ActiveRows, best_under_rows, optimize_under_rows, rows_summary
 from .continuity import ContinuityRows, c1_rows
 from .continuity_report import check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError
@@ -416,9 +416,9 @@ class TransferPlan:
             mesh, notes = source_mesh(topology)
         boundary, interior = topology.boundary_points, topology.interior_points
 
-        def solve(space: RowSpace | None) -> tuple[FloatArray, Certificate, str]:
+        def solve(space: RowSpace | None, near: FloatArray) -> tuple[FloatArray, Certificate, list[str]]:
             basis = None if space is None else space.basis
-            particular = None if space is None else space.project(start)[interior]
+            particular = None if space is None else space.project(near)[interior]
             with clock("harmonic map"):
                 points = mesh_harmonic_map(mesh, boundary, start[boundary], basis, particular)
             with clock("bounded distortion"):
@@ -427,24 +427,28 @@ class TransferPlan:
                 f"bounded distortion: {unfolded.flips[0]} flipped faces, {unfolded.flips[-1]} after "
                 f"{unfolded.iterations} iterations"
             )
-            return unfolded.points, self._certify(unfolded.points, clock), log
+            return unfolded.points, self._certify(unfolded.points, clock), [log]
 
-        points, certificate, entry = solve(None)
-        log, space = [entry], None
+        points, certificate, log = solve(None, start)
+        rows: ActiveRows | None = None
         for level in self._levels:
-            # The rows follow speeds and frames: where this map is folded, those of the source.
-            reference = points if certificate.injective else topology.coordinates
             with clock("continuity rows"):
-                space = row_space(self._rows(level, reference), interior, start)
-                constrained, proof, entry = solve(space)
-                log.append(f"under {len(space.rows)} rows, {entry}")
-                if certificate.injective and not proof.injective:
-                    log.append("the map under these rows is not injective: the one before is kept")
-                    everything = frozenset(range(len(self.source.interfaces)))
-                    space = row_space(self._rows(level, reference, (), everything), interior, start)
+                if certificate.injective:
+                    points, certificate, under, rows = optimize_under_rows(
+                        topology,
+                        partial(self._rows, level, points),
+                        solve,
+                        points,
+                        partial(self._certify, clock=clock),
+                        release=level == "c1",
+                    )
                 else:
-                    points, certificate = constrained, proof
-        rows = None if space is None else rows_summary(topology, space, points)
+                    # A folded map has no frames to follow: take the source's.
+                    space = row_space(self._rows(level, topology.coordinates), interior, start)
+                    points, certificate, under = solve(space, start)
+                    under = [f"under {len(space.rows)} rows with the source's frames, {entry}" for entry in under]
+                    rows = rows_summary(topology, space, points)
+            log += under
         return points, certificate, log, list(notes), rows
 
 
