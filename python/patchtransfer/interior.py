@@ -11,12 +11,12 @@ from scipy.sparse import csc_array
 
 from .certificate import Certificate, certify
 from .clock import Clock
-from .constrained import ActiveRows, optimize_under_rows, rows_summary
+from .constrained import ActiveRows, best_under_rows, optimize_under_rows, rows_summary
 from .continuity import ContinuityRows, c1_rows
 from .g1 import g1_rows
 from .gluing import control_rows
 from .multipatch import MultiPatch
-from .null_space import row_space
+from .null_space import RowSpace, row_space
 from .optimize import Progress, SplineOptimizer, degenerate_corners, optimize_with_ladder
 from .paper_method import PaperHistory, paper_map
 from .splines import FloatArray, Patch
@@ -96,8 +96,11 @@ class InteriorSolver:
         points, rows = found.points, None
         for level in self._levels if certificate.injective else ():
             with clock("continuity rows"):
-                points, certificate, under, rows = optimize_under_rows(
-                    topology, partial(self._rows, level, points), make, points, check, progress, release=level == "c1"
+                choices = [
+                    partial(self._rows, choice, points) for choice in (level, "g1 linear")[: 1 + (level == "g1")]
+                ]
+                points, certificate, under, rows = best_under_rows(
+                    topology, choices, make, points, check, progress, release=level == "c1"
                 )
             log += under
         return InteriorMap(points, certificate, log, [], rows)
@@ -106,24 +109,29 @@ class InteriorSolver:
         """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
         topology = self.source.topology
         mapped = paper_map(topology, start, stage=clock)
-        certificate = self.certify(mapped.points, clock)
-        log, space = list(mapped.log), None
+
+        def solve(space: RowSpace, near: FloatArray) -> tuple[FloatArray, Certificate, list[str]]:
+            nonlocal mapped
+            mapped = paper_map(topology, space.project(near), space.basis, stage=clock)
+            return mapped.points, self.certify(mapped.points, clock), mapped.log
+
+        points, log, rows = mapped.points, list(mapped.log), None
+        certificate = self.certify(points, clock)
         for level in self._levels:
-            # The rows follow speeds and frames: where this map is folded, those of the source.
-            reference = mapped.points if certificate.injective else topology.coordinates
             with clock("continuity rows"):
-                space = row_space(self._rows(level, reference), topology.interior_points, start)
-            under = paper_map(topology, space.project(start), space.basis, stage=clock)
-            proof = self.certify(under.points, clock)
-            log += [f"under {len(space.rows)} rows, {line}" for line in under.log]
-            if certificate.injective and not proof.injective:
-                log.append("the map under these rows is not injective: the one before is kept")
-                everything = frozenset(range(len(self.source.interfaces)))
-                space = row_space(self._rows(level, reference, (), everything), topology.interior_points, start)
-            else:
-                mapped, certificate = under, proof
-        rows = None if space is None else rows_summary(topology, space, mapped.points)
-        return InteriorMap(mapped.points, certificate, log, mapped.notes, rows, mapped.history)
+                if certificate.injective:
+                    check = partial(self.certify, clock=clock)
+                    points, certificate, under, rows = optimize_under_rows(
+                        topology, partial(self._rows, level, points), solve, points, check, release=level == "c1"
+                    )
+                else:
+                    # A folded map has no frames to follow: take the source's.
+                    space = row_space(self._rows(level, topology.coordinates), topology.interior_points, start)
+                    points, certificate, under = solve(space, start)
+                    under = [f"under {len(space.rows)} rows with the source's frames, {entry}" for entry in under]
+                    rows = rows_summary(topology, space, points)
+            log += under
+        return InteriorMap(points, certificate, log, mapped.notes, rows, mapped.history)
 
     def harmonic(self, start: FloatArray, clock: Clock, reason: str) -> InteriorMap:
         """The harmonic map on a boundary that rules out an injective one: an illustration of the reason."""
@@ -181,6 +189,6 @@ class InteriorSolver:
         without: Collection[int] = (),
     ) -> ContinuityRows:
         """Continuity rows that follow the speeds and frames of a reference map."""
-        if level == "g1":
-            return g1_rows(self.source.topology, self._control, reference, without)
+        if level.startswith("g1"):
+            return g1_rows(self.source.topology, self._control, reference, without, linear=level == "g1 linear")
         return c1_rows(self.source.topology, self._control, reference, released, without)
