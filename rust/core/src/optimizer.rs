@@ -19,11 +19,11 @@ use std::ops::ControlFlow;
 use thiserror::Error;
 
 /// Free points from which the Hessian is integrated on fewer nodes.
-const FEWER_NODES_FROM: usize = 1_000;
+const FEWER_NODES_FROM: usize = 300;
 /// Free points from which interfaces and patches are dissected; below, minimum degree is as good and simpler.
-const DISSECT_FROM: usize = 1_000;
+const DISSECT_FROM: usize = 2_000;
 /// Free points from which coarser spaces are solved first, and of the coarsest at least.
-const COARSE_FROM: usize = 1_200;
+const COARSE_FROM: usize = 1_000;
 const COARSEST: usize = 60;
 /// Decrement relative to the energy at which a coarser space is left.
 const COARSE_TOLERANCE: f64 = 1e-5;
