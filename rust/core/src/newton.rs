@@ -21,6 +21,8 @@ const KEEP_BELOW: f64 = 1e-3;
 /// ... as long as every such step lowers the decrement by this factor.
 const KEEP_WHILE: f64 = 0.1;
 
+/// Smallest determinant, relative to the mean, below which the Hessian takes all nodes.
+const SHARP: f64 = 0.02;
 /// Ratio of successive decrements, near the minimum, that calls for the Hessian on all nodes.
 const SLOW: f64 = 0.2;
 /// Decrement relative to the energy from which steps longer than Newton's are tried, up to a limit.
@@ -290,8 +292,8 @@ impl Problem {
 
     /// Factorize the Hessian: as it is if `exact` and that is positive definite, else projected.
     fn factorize(&mut self, now: &Iterate, at: Parameters, exact: bool) -> Result<(), SparseError> {
-        // Folds are sharp: there the cheaper quadrature of the Hessian is not used.
-        self.evaluator.fewer_nodes = now.summary.min_det > 0.0 && !self.distrust;
+        // Near folds the energy is sharp: there the cheaper quadrature of the Hessian is not used.
+        self.evaluator.fewer_nodes = now.summary.min_det > SHARP && !self.distrust;
         for kind in [HessianKind::Exact, HessianKind::Projected] {
             if kind == HessianKind::Exact && !exact {
                 continue;
