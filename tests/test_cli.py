@@ -23,7 +23,7 @@ KEYS = {
     "certificate": {"injective", "status", "lower_bound", "cells"},
     "quality": {"scaled_jacobian", "condition_number"},
     "continuity": {"c0_gap", "c1_residual", "kink_deg", "as_g1_residual"},
-    "registration": {"joints", "confidence"},
+    "registration": {"joints", "confidence", "landmarks", "runner_up"},
 }
 
 
