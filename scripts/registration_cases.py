@@ -17,7 +17,7 @@ from patchtransfer import Boundary, MultiPatch, examples, read
 #: One limb of a model: point of the neck, direction, length of the transition, points that can belong to it.
 LIMBS = {
     "turtle": ((0.28, 0.12), (0.3, 1), 0.15, lambda x: (x[:, 0] > 0.15) & (x[:, 1] > 0.02)),
-    "human": ((0.25, 0.65), (1, -0.5), 0.12, lambda x: (x[:, 0] > 0.1) & (x[:, 1] > 0.4)),
+    "human": ((0.25, 0.65), (1, -0.5), 0.12, lambda x: (x[:, 0] > 0.16) & (x[:, 1] > 0.4)),
     "rabbit": ((0.12, 0.62), (0.25, 1), 0.2, lambda x: (x[:, 0] > 0) & (x[:, 1] > 0.45)),
     "wrench": ((9, 58), (0, 1), 10, lambda x: (x[:, 0] > 0) & (x[:, 1] > 45)),
     "star": ((0.38, 0), (1, 0), 0.15, lambda x: x[:, 0] > 0.25),

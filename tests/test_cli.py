@@ -1,6 +1,5 @@
 """The command line: exit status, one line of error, nothing written in failures, JSON reports."""
 
-import importlib
 import json
 import os
 import re
@@ -16,6 +15,7 @@ import models
 import patchtransfer as pt
 import targets
 from patchtransfer.cli import main
+from patchtransfer.interior import InteriorSolver
 from test_transfer import eight, folded_source, moved_hole, notched, plate, rational_source
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -23,7 +23,7 @@ KEYS = {
     "certificate": {"injective", "status", "lower_bound", "cells"},
     "quality": {"scaled_jacobian", "condition_number"},
     "continuity": {"c0_gap", "c1_residual", "kink_deg", "as_g1_residual"},
-    "registration": {"joints", "confidence"},
+    "registration": {"joints", "confidence", "landmarks", "runner_up"},
 }
 
 
@@ -199,15 +199,14 @@ def test_threads_may_be_given_again_in_the_same_process(files):
 @pytest.fixture
 def doubt(monkeypatch):
     """The optimiser proves all feasible sample targets, so results (not sources) are made doubtful here."""
-    driver = importlib.import_module("patchtransfer.transfer")
-    real = driver.TransferPlan._certify
+    real = InteriorSolver.certify
 
     def doubtful(self, points, clock):
         return replace(
             real(self, points, clock), injective=False, status="undecided", reasons=("patch 0 is undecided",)
         )
 
-    monkeypatch.setattr(driver.TransferPlan, "_certify", doubtful)
+    monkeypatch.setattr(InteriorSolver, "certify", doubtful)
 
 
 @pytest.mark.usefixtures("doubt")

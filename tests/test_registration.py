@@ -254,3 +254,22 @@ def test_outlines_are_those_given():
     (r,) = register(mp.boundary().loops, target, landmarks).loops
     assert r.source.curves == mp.boundary().loops[0]
     assert Outline(target.loops[0]).length == pytest.approx(r.target.length, rel=1e-12)
+
+
+FLAT = [[0.0, 0], [1, 0], [2, 0], [1, 0]]
+
+
+@pytest.mark.parametrize(
+    ("loops", "message"),
+    [
+        ([np.repeat(SQUARE, [1, 2, 1, 1], axis=0)], r"loop 0, curve 1 at \(1, 0\) has no length"),
+        ([SQUARE, np.zeros((3, 2)) + 0.5], r"loop 1, curve 0 at \(0.5, 0.5\) has no length"),
+        ([SQUARE, SQUARE], "loops 0 and 1 lie on each other"),
+        ([SQUARE, SQUARE[::-1]], "loops 0 and 1 lie on each other"),
+        ([SQUARE, 0.2 + 0.2 * np.array(FLAT)], "loop 1 encloses no area"),
+    ],
+)
+def test_target_loops_that_bound_nothing_are_refused(loops, message):
+    source = [polygon(SQUARE)] if len(loops) == 1 else models.plate_with_hole().boundary().loops
+    with pytest.raises(InputError, match=message):
+        register(source, Boundary([polygon(corners) for corners in loops]))

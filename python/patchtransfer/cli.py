@@ -221,7 +221,15 @@ def transfer(
             if plot_registration is not None:
                 pairs = [[*a, *b] for a, b in result.registration.joints]
                 fitted = result.multipatch.boundary()
-                plot.savefig(plot.registration(model.boundary(), fitted, pairs, boundary), plot_registration)
+                figure = plot.registration(
+                    model.boundary(),
+                    fitted,
+                    pairs,
+                    boundary,
+                    matched=result.registration.pairs(120),
+                    confidence=result.registration.confidence,
+                )
+                plot.savefig(figure, plot_registration)
             io.write(result.multipatch, output)
             content = result.to_dict()
             if not result.certificate.injective:

@@ -41,8 +41,9 @@ HOPELESS, HOPE = 3.0, 0.003
 SAME = 0.01
 #: Matchings this close in score, relatively and absolutely, are equally good.
 TIE, TIE_SCORE = 0.1, 1e-6
-#: On nearly round outlines: how much worse the score may be without any rotation.
-ROUND = 1.5
+#: Outlines are nearly round when 4 pi area / length² is at least this; how much worse the score may be without any
+#: rotation then.
+ROUND, ROUND_SCORE = 0.95, 1.5
 
 
 @dataclass(frozen=True)
@@ -99,10 +100,11 @@ def match_outer(source: BoundaryShape, target: BoundaryShape, fixed: FloatArray)
     tied = [match for match in distinct if match.score <= limit]
     tied.sort(key=lambda match: abs(_rotation(source, target, match)))
     ranked = tied + distinct[len(tied) :]
-    if len(fixed) or len(ranked[0].corners):
+    outline = source.outlines[0]
+    if len(fixed) or len(ranked[0].corners) or 4 * np.pi * outline.area < ROUND * outline.length**2:
         return ranked
     placed = _as_placed(source, target, ranked[0])
-    return [placed, *ranked] if placed.score <= ROUND * ranked[0].score + 1e-9 else ranked
+    return [placed, *ranked] if placed.score <= ROUND_SCORE * ranked[0].score + 1e-9 else ranked
 
 
 def _as_placed(source: BoundaryShape, target: BoundaryShape, match: Match) -> Match:

@@ -19,7 +19,7 @@ __all__ = ["slide"]
 #: Gauss–Newton steps at most, and the part of the energy that a step must win.
 STEPS, GAIN = 16, 1e-3
 #: Weights of stretch along the loops and of unlike turning; added to the diagonal, relative to its mean.
-STRETCH, TURNING, DAMPING = 0.03, 0.5, 1e-6
+STRETCH, TURNING, DAMPING = 0.03, 1.0, 1e-6
 #: Squared distance (relative to the root mean square) that softens the weight 1/d².
 SOFT = 0.02
 #: Distances below this many steps between nodes are left to the stretch term: interpolation cannot tell them.

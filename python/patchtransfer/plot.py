@@ -35,6 +35,8 @@ __all__ = ["boundary", "html", "multipatch", "png", "registration", "savefig", "
 
 INK, GREY, FOLDED = "#1b1b1b", "#6b6b6b", "#e8000b"
 SUFFIXES = ("png", "svg", "pdf")
+#: Joints that get a number at most; of more, every second, third, ... does.
+MAX_NUMBERS = 40
 _salt_lock = threading.Lock()
 
 
@@ -144,8 +146,11 @@ def registration(
     joints: ArrayLike,
     target: Boundary | None = None,
     titles: Sequence[str] = ("source", "target"),
+    *,
+    matched: ArrayLike | None = None,
+    confidence: float | None = None,
 ) -> Figure:
-    """Draw two boundaries with matched joints in like colours and numbers.
+    """Draw two boundaries with matched joints in like colours, and numbers at some of them.
 
     Parameters
     ----------
@@ -156,6 +161,10 @@ def registration(
     target : Boundary, optional
         The target as given, drawn in grey under the fitted curves.
     titles : sequence of two str, optional
+    matched : (n, 4) array, optional
+        More matched points, drawn as small dots, each in the colour of its place along all of them.
+    confidence : float, optional
+        How sure the correspondence is, 0 to 1; added to the target's title.
 
     Returns
     -------
@@ -164,11 +173,14 @@ def registration(
     Raises
     ------
     InputError
-        When `joints` has another shape.
+        When `joints` or `matched` has another shape.
     """
-    pairs = np.asarray(joints, dtype=np.float64)
-    if pairs.ndim != 2 or pairs.shape[1] != 4:
-        raise InputError(f"joints must have shape (r, 4), a row xs, ys, xt, yt each, got {pairs.shape}")
+    pairs, dots = (np.asarray(x, dtype=np.float64) for x in (joints, np.empty((0, 4)) if matched is None else matched))
+    for name, rows in (("joints", pairs), ("matched", dots)):
+        if rows.ndim != 2 or rows.shape[1] != 4:
+            raise InputError(f"{name} must have shape (r, 4), a row xs, ys, xt, yt each, got {rows.shape}")
+    if confidence is not None:
+        titles = (titles[0], f"{titles[1]} (confidence {confidence:.2f})")
     from matplotlib import colormaps
     from matplotlib.lines import Line2D
 
@@ -180,11 +192,18 @@ def registration(
             Line2D([], [], color=INK, label="fit"),
         ]
     # Going once round the hue circle tells neighbours, and where a loop starts, apart.
-    colors = colormaps["hsv"](np.arange(len(pairs)) / max(len(pairs), 1)) * [0.86, 0.82, 0.86, 1.0]
-    for ax, loops, points in ((axes[0], source, pairs[:, :2]), (axes[1], fitted, pairs[:, 2:])):
+    colors, hues = (
+        colormaps["hsv"](np.arange(len(x)) / max(len(x), 1)) * [0.86, 0.82, 0.86, 1.0] for x in (pairs, dots)
+    )
+    numbered = slice(None, None, -(-len(pairs) // MAX_NUMBERS) or 1)
+    for ax, loops, points, small in (
+        (axes[0], source, pairs[:, :2], dots[:, :2]),
+        (axes[1], fitted, pairs[:, 2:], dots[:, 2:]),
+    ):
         _draw_boundary(ax, loops, width=1.3, dots=False)
         ax.scatter(points[:, 0], points[:, 1], s=34, c=colors, edgecolors="white", linewidths=0.8, zorder=5)
-        _number(ax, points, colors, loops)
+        ax.scatter(small[:, 0], small[:, 1], s=7, c=hues, linewidths=0, zorder=4)
+        _number(ax, points, colors, loops, numbered)
     for ax, title in zip(axes, titles, strict=True):
         _finish(ax, title)
     if target is not None:
@@ -393,10 +412,10 @@ def _draw_lines(ax: Axes, lines: list[FloatArray], color: str = INK, width: floa
     )
 
 
-def _number(ax: Axes, points: FloatArray, colors: FloatArray, loops: Boundary) -> None:
-    """Write the joints' numbers, from 1, outside their loops."""
+def _number(ax: Axes, points: FloatArray, colors: FloatArray, loops: Boundary, which: slice) -> None:
+    """Write the numbers, from 1, of some of the joints outside their loops."""
     polylines = _loops(loops)
-    for k, (point, color) in enumerate(zip(points, colors, strict=True)):
+    for k, point, color in list(zip(range(len(points)), points, colors, strict=True))[which]:
         line = min(polylines, key=lambda line: float(np.hypot(*(line - point).T).min()))
         at = int(np.argmin(np.hypot(*(line - point).T)))
         steps = np.array([line[at] - line[at - 2], line[(at + 2) % len(line)] - line[at]])

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from .boundary_shape import BoundaryShape, cyclic_gap, image_of
 from .corner_anchors import close_turn, corners_between, missed_corners, snap_corners
 from .correspondence import HOPE, HOPELESS, Match, match_hole, match_outer, pair_holes, slide_all
-from .errors import InfeasibleTargetError
+from .errors import InfeasibleTargetError, InputError
 from .landmarks import landmark_anchors, pair_by_landmarks, place_landmarks, read_landmark_rows
 from .multipatch import Boundary
 from .outline import Outline
@@ -26,6 +26,8 @@ from .splines import BSplineCurve, FloatArray
 
 __all__ = ["LoopRegistration", "Registration", "RunnerUp", "register"]
 
+#: Curves shorter than this part of the diameter have no length.
+SHORTEST = 1e-9
 #: Below this confidence a warning asks for landmarks.
 AMBIGUOUS = 0.05
 #: A loop with fewer matched corners has some of its joints among its landmarks.
@@ -123,6 +125,14 @@ class Registration:
         """Rows (xs, ys, xt, yt) of all loops: given back to `register`, corrected or not, they fix what they pair."""
         return np.concatenate([loop.landmarks for loop in self.loops])
 
+    def pairs(self, n: int) -> FloatArray:
+        """Rows (xs, ys, xt, yt) of corresponding points, `n` on every loop at equal distances on the source."""
+        rows = []
+        for loop in self.loops:
+            s = np.arange(n, dtype=np.float64) / n * loop.source.length
+            rows.append(np.concatenate([loop.source.point(s), loop.target.point(loop.to_target(s))], axis=1))
+        return np.concatenate(rows)
+
     @property
     def runner_up(self) -> RunnerUp | None:
         """Second best correspondence of the loop that is least sure, if there is one."""
@@ -161,7 +171,8 @@ def register(
     InfeasibleTargetError
         When the numbers of loops differ.
     InputError
-        On landmarks off the curves, out of order, or on loops that do not correspond.
+        On landmarks off the curves, out of order, or on loops that do not correspond; on target curves without
+        length, loops without area and loops given twice.
     """
     source_loops = [loop if isinstance(loop, Outline) else Outline(loop) for loop in source]
     target_loops = _outlines(target)
@@ -290,11 +301,40 @@ def _landmark_rows(source: Outline, target: Outline, anchors: FloatArray, featur
 
 def _outlines(target: Boundary) -> list[Outline]:
     """Outlines of the target, largest area first, turned so that the domain is on the left."""
-    outlines = sorted((Outline(loop) for loop in target.loops), key=lambda outline: -abs(outline.area))
+    _check_curves(target)
+    outlines = [Outline(loop) for loop in target.loops]
+    _check_loops(outlines)
+    outlines.sort(key=lambda outline: -abs(outline.area))
     return [
         outline if (outline.area > 0) == (k == 0) else Outline([c.reversed() for c in reversed(outline.curves)])
         for k, outline in enumerate(outlines)
     ]
+
+
+def _check_curves(target: Boundary) -> None:
+    """Raise `InputError` on curves without length."""
+    for k, loop in enumerate(target.loops):
+        for i, curve in enumerate(loop):
+            if np.linalg.norm(np.ptp(curve.control_points, axis=0)) <= SHORTEST * target.diameter:
+                x, y = curve.start
+                raise InputError(
+                    f"target boundary: loop {k}, curve {i} at ({x:.6g}, {y:.6g}) has no length (a point given twice?); "
+                    "delete it"
+                )
+
+
+def _check_loops(outlines: Sequence[Outline]) -> None:
+    """Raise `InputError` on loops that lie on a line and on loops that are there twice."""
+    for k, outline in enumerate(outlines):
+        points = outline.polygon(64)
+        if np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] <= SHORTEST * outline.length:
+            raise InputError(f"target boundary: loop {k} encloses no area: it lies on one line; correct it")
+        for j, other in enumerate(outlines[:k]):
+            # Most pairs differ in length: measuring distances is for the few that do not.
+            if abs(outline.length - other.length) <= 1e-6 * outline.length:
+                distance = other.nearest(points)[1].max()
+                if distance <= 1e-6 * outline.length:
+                    raise InputError(f"target boundary: loops {j} and {k} lie on each other; delete one of them")
 
 
 def _place_marked(loop: LoopRegistration) -> FloatArray:

@@ -1,0 +1,154 @@
+"""Measure registration on deformed models and write the tables of ``docs/registration.md``.
+
+``PATCHTRANSFER_MODELS=folder python scripts/registration_table.py [--seed N] [--models a,b] [-o docs/registration.md]``
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import defaultdict
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+from registration_cases import Case, cases, correspondence_error
+
+from patchtransfer import TransferError, TransferPlan
+from patchtransfer.fitting import fit_boundary
+from patchtransfer.registration import Registration, register
+
+TEXT = """# Registration, measured
+
+Which point of the target's boundary belongs to which of the source's? Here the answer is known: models are deformed by
+maps of the plane, and their boundaries are then cut into other curves, of another degree, start and sense.
+
+- **Correspondence error**: distance of the images of all joints from the true ones, relative to the diagonal of the
+  target's box; the mean over the joints, averaged over the cases and for the worst case.
+- **Boundary error**: Hausdorff distance of fit and target, relative to the target's diameter; median of the cases.
+- **Scaled Jacobian**: mean over the final map, averaged over the cases; **certified**: maps proved injective (or
+  degenerate at named corners only, where a patch fills a straight angle).
+
+Columns: landmarks at no joint or at all of them; samples at uniform parameters (the paper's) or with the source's speed
+and corrected (the default). The correspondence does not depend on the parameters. Written by
+`scripts/registration_table.py`.
+
+A bend by a large angle is far from rigid: one side of the model is stretched by half, the other compressed, and no
+outline tells how. A disc has no start of its own: its bends and turned halves also rotate it, which nobody can see, so
+its row is the rotation. The confidence says so: it is near 0 where another correspondence fits as well.
+"""
+CHOICES = [(landmarks, parameters) for landmarks in ("none", "all joints") for parameters in ("uniform", "speed")]
+
+
+class Row:
+    """Figures of one family, or of one model."""
+
+    def __init__(self) -> None:
+        self.errors: dict[str, list[float]] = defaultdict(list)
+        self.boundary: dict[tuple[str, str], list[float]] = defaultdict(list)
+        self.jacobian: dict[tuple[str, str], list[float]] = defaultdict(list)
+        self.certified: dict[tuple[str, str], list[bool]] = defaultdict(list)
+        self.confidence: list[float] = []
+
+
+def measure(case: Case, plan: TransferPlan, rows: list[Row]) -> None:
+    """Register and transfer one case in all ways."""
+    loops = case.source.boundary().loops
+    for landmarks in ("none", "all joints"):
+        registration = register(loops, case.target, None if landmarks == "none" else case.truth)
+        for row in rows:
+            row.errors[landmarks].append(correspondence_error(case, registration.joints))
+            if landmarks == "none":
+                row.confidence.append(registration.confidence)
+        # Correspondences that slide with the inner optimisation, against fixed ones, are one more choice here.
+        for parameters in ("uniform", "speed"):
+            transfer_with(case, plan, registration, (landmarks, parameters), rows)
+
+
+def transfer_with(
+    case: Case, plan: TransferPlan, registration: Registration, choice: tuple[str, str], rows: list[Row]
+) -> None:
+    """Transfer with a given registration and choice of parameters."""
+
+    def fit(registration: Registration, *, parameters: str, tolerance: float):
+        del parameters
+        return fit_boundary(registration, parameters=choice[1], tolerance=tolerance)
+
+    with (
+        patch("patchtransfer.transfer.fit_boundary", fit),
+        patch("patchtransfer.transfer.register", lambda *_, **__: registration),
+    ):
+        try:
+            result = plan.transfer(case.target, on_failure="return")
+        except TransferError as error:
+            print(f"{case.model}, {case.family} {case.label}, {choice}: {error}")
+            for row in rows:
+                row.certified[choice].append(False)
+            return
+    status = result.certificate.status
+    if status not in ("certified", "degenerate"):
+        print(f"{case.model}, {case.family} {case.label}, {choice}: {status}")
+    for row in rows:
+        row.boundary[choice].append(result.boundary_error)
+        row.jacobian[choice].append(result.quality.scaled_jacobian.mean)
+        row.certified[choice].append(status in ("certified", "degenerate"))
+
+
+def correspondence_table(rows: dict[str, Row], first: str) -> list[str]:
+    """Markdown: mean and largest correspondence error."""
+    lines = [
+        f"| {first} | cases | no landmarks: mean | largest | confidence | all joints: mean | largest |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, row in rows.items():
+        none, every = row.errors["none"], row.errors["all joints"]
+        lines.append(
+            f"| {name} | {len(none)} | {np.mean(none):.4f} | {max(none):.4f} | {np.mean(row.confidence):.2f} | "
+            f"{np.mean(every):.1e} | {max(every):.1e} |"
+        )
+    return lines
+
+
+def map_table(rows: dict[str, Row]) -> list[str]:
+    """Markdown: boundary error, mean scaled Jacobian and certified maps for every choice."""
+    head = [f"{parameters}, landmarks: {landmarks}" for landmarks, parameters in CHOICES]
+    lines = [f"| family | {' | '.join(head)} |", "|---" * (len(CHOICES) + 1) + "|"]
+    for name, row in rows.items():
+        cells = [
+            f"{np.median(row.boundary[c]):.1e}, {np.mean(row.jacobian[c]):.3f}, "
+            f"{sum(row.certified[c])}/{len(row.certified[c])}"
+            for c in CHOICES
+        ]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return lines
+
+
+def main() -> None:
+    """Measure all cases and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--models", default="")
+    parser.add_argument("-o", "--output", default=str(Path(__file__).parents[1] / "docs" / "registration.md"))
+    arguments = parser.parse_args()
+    families: dict[str, Row] = defaultdict(Row)
+    by_model: dict[str, Row] = defaultdict(Row)
+    plans: dict[str, TransferPlan] = {}
+    for case in cases(arguments.seed, [name for name in arguments.models.split(",") if name]):
+        plan = plans.setdefault(case.model, TransferPlan(case.source))
+        # The disc's rotation would hide everything else.
+        family = f"disc: {case.family}" if case.model == "disc" else case.family
+        measure(case, plan, [families[family], by_model[case.model]])
+    families = dict(sorted(families.items(), key=lambda item: item[0].startswith("disc")))
+    page = [
+        TEXT,
+        f"## Correspondence (seed {arguments.seed})\n",
+        *correspondence_table(families, "family"),
+        "",
+        *correspondence_table(by_model, "model"),
+        "\n## Maps: boundary error, mean scaled Jacobian, certified\n",
+        *map_table(families),
+    ]
+    Path(arguments.output).write_text("\n".join(page) + "\n")
+
+
+if __name__ == "__main__":
+    main()
