@@ -213,6 +213,20 @@ def test_plans_are_picklable_and_map_in_order(family):
     assert result.multipatch == expected[0].multipatch
 
 
+def test_dask_runs_a_plan():
+    distributed = pytest.importorskip("distributed")
+    mp = models.grid(2, 2)
+    plan = pt.TransferPlan(mp)
+    given = [targets.deformed(mp, targets.bend(mp, angle)) for angle in (10, 20, 30)]
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        there = list(plan.map(given, client.get_executor()))
+    for a, b in zip(there, plan.map(given), strict=True):
+        assert a.multipatch == b.multipatch
+
+
 # --- refusals -------------------------------------------------------------------------------------
 
 

@@ -1,0 +1,53 @@
+"""Many targets through one plan: ``python plan_map.py [-n 100] [--model FILE]``.
+
+Compares a cold `transfer()` for every target, one plan one after the other, and one plan with an executor of two
+threads and of two processes. What counts are the ratios; the last two need two idle cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+from transfer_yeti import bent_boundary
+
+import patchtransfer as pt
+from patchtransfer import examples
+
+
+def seconds(work: Callable[[], object]) -> float:
+    begin = time.perf_counter()
+    work()
+    return time.perf_counter() - begin
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-n", type=int, default=100)
+    parser.add_argument("--model", help="multi-patch file; default the bundled wrench")
+    parser.add_argument("--continuity", default="c0")
+    options = parser.parse_args()
+    source = pt.read(options.model) if options.model else examples.load("wrench")[0]
+    given = [bent_boundary(source, angle) for angle in np.linspace(0.2, 1.2, options.n)]
+    plan = pt.TransferPlan(source, options.continuity)
+    plan.transfer(*given[0])
+    cold = seconds(lambda: [pt.transfer(source, *pair, options.continuity) for pair in given])
+    alone = seconds(lambda: list(plan.map(given)))
+    print(f"{options.n} targets, {source}")
+    print(f"cold transfer()   {1e3 * cold / options.n:8.1f} ms each")
+    print(f"one plan          {1e3 * alone / options.n:8.1f} ms each, {alone / cold:.0%} of cold")
+    with ThreadPoolExecutor(2) as pool:
+        threads = seconds(lambda: list(plan.map(given, pool)))
+    print(f"two threads       {1e3 * threads / options.n:8.1f} ms each, {alone / threads:.2f} times faster")
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        list(plan.map(given[:4], pool))
+        processes = seconds(lambda: list(plan.map(given, pool)))
+    print(f"two processes     {1e3 * processes / options.n:8.1f} ms each, {alone / processes:.2f} times faster")
+
+
+if __name__ == "__main__":
+    main()
