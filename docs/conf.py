@@ -18,6 +18,7 @@ extensions = [
     "myst_parser",
     "numpydoc",
     "sphinx.ext.autodoc",
+    "bars",
     "sphinx.ext.autosummary",
     "sphinx.ext.extlinks",
     "sphinx.ext.mathjax",
@@ -44,6 +45,8 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "image_scrapers": ("figure_scraper.scrape",),
     "abort_on_example_error": True,
+    # A script that has not changed may still fail with another version of the package.
+    "run_stale_examples": True,
     "write_computation_times": False,
     "download_all_examples": False,
     "remove_config_comments": True,
