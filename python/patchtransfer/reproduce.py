@@ -37,6 +37,8 @@ __all__ = ["PRINTED", "Case", "Printed", "Step", "reproduce"]
 METHODS = ("paper", "certified")
 #: Patches whose points move by more of the diameter than this between first and last step are articulated.
 MOVED = 5e-3
+#: Largest κ times smallest scaled Jacobian, over 2, from which a printed row is doubtful.
+DOUBTFUL = 5.0
 
 
 @dataclass(frozen=True)
@@ -50,9 +52,14 @@ class Printed:
     condition_number: Statistics
 
     @property
-    def contradictory(self) -> bool:
-        """Whether the row breaks κ ≥ 2 / scaled Jacobian, which holds at every point."""
-        return self.condition_number.max < 2 / self.scaled_jacobian.min
+    def remark(self) -> str | None:
+        """What the largest κ and the smallest scaled Jacobian say about each other.
+
+        "contradictory" where κ ≥ 2 / scaled Jacobian, which holds at every point, is broken; "doubtful" where κ is
+        `DOUBTFUL` times as large as it has to be, while it is hardly larger in the other rows.
+        """
+        ratio = self.condition_number.max * self.scaled_jacobian.min / 2
+        return "contradictory" if ratio < 1 else "doubtful" if ratio > DOUBTFUL else None
 
 
 def _printed(name: str, sample: str, transferred: bool, *numbers: float) -> Printed:
@@ -159,7 +166,7 @@ def table1(cases: Sequence[Case]) -> list[dict[str, Any]]:
         for after in (False, True):
             if after in printed:
                 p = printed[after]
-                rows.append(_row(case, p.name, after, "printed", p, contradictory=p.contradictory))
+                rows.append(_row(case, p.name, after, "printed", p, remark=p.remark))
             if not after:
                 rows.append(_row(case, case.name, False, "source", case.source_quality))
                 continue
@@ -182,7 +189,7 @@ def _row(case: Case, model: str, after: bool, method: str, numbers: Printed | Qu
     }
     for short, values in (("sj", numbers.scaled_jacobian), ("kappa", numbers.condition_number)):
         row |= {f"{short}_{name}": finite_or_none(getattr(values, name)) for name in ("min", "mean", "max")}
-    return row | dict.fromkeys(("contradictory", "status", "boundary_error", "seconds")) | more
+    return row | dict.fromkeys(("remark", "status", "boundary_error", "seconds")) | more
 
 
 def slopes(cases: Sequence[Case]) -> list[dict[str, Any]]:

@@ -20,9 +20,16 @@ the two methods, both with C1 rows. Time: one transfer on a prepared plan. Bound
 target over its diameter. Rows in italics are the paper's, as printed.
 """
 
-NOTE = """¹ {}: as printed, the largest κ is below 2 / (smallest SJ). At every point κ ≥ 2 / SJ, so the two
-numbers cannot belong to one map.
-"""
+MARKS = {"contradictory": "contradictory ¹", "doubtful": "doubtful ²"}
+
+NOTES = {
+    "contradictory": """¹ {}: as printed, the largest κ is a tenth of 2 / (smallest SJ). At every point κ ≥ 2 / SJ, so
+the two numbers cannot belong to one map.
+""",
+    "doubtful": """² {}: as printed, the largest κ is ten times 2 / (smallest SJ). That is possible, but in the
+other rows it is at most one and a half times; perhaps a zero was lost.
+""",
+}
 
 FIGURES_8_TO_10 = """## Figure 8: sources, targets, results
 
@@ -61,9 +68,7 @@ The corner bound is what the boundary's corners alone impose on the smallest sca
 def page(data: dict[str, Any]) -> str:
     """The page that shows all data and pictures, in Markdown."""
     parts = [_opening(data), _table1(data["table1"])]
-    wrong = [r["model"] for r in data["table1"] if r["contradictory"]]
-    if wrong:
-        parts.append(NOTE.format(", ".join(wrong)))
+    parts += [NOTES[r["remark"]].format(r["model"]) for r in data["table1"] if r["remark"]]
     parts += [FIGURES_8_TO_10, _table10(data["figure10"])]
     if data["figure11"]:
         parts += [FIGURE_11, _table11(data["figure11"])]
@@ -96,7 +101,7 @@ def _table1(rows: list[dict[str, Any]]) -> str:
         printed = r["method"] == "printed"
         numbers = [_number(r[key]) for key in ("sj_min", "sj_mean", "sj_max", "kappa_min", "kappa_mean", "kappa_max")]
         evidence = [
-            "contradictory ¹" if r["contradictory"] else (r["status"] or "–"),
+            MARKS[r["remark"]] if r["remark"] else (r["status"] or "–"),
             "–" if r["boundary_error"] is None else f"{r['boundary_error']:.1e}",
             "–" if r["seconds"] is None else f"{r['seconds']:.2f} s",
         ]
