@@ -7,6 +7,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
+from numpydoc.xref import DEFAULT_LINKS
+
 import patchtransfer
 
 project = "patchtransfer"
@@ -38,12 +40,18 @@ autosummary_generate = True
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
+# Types in parameter lists link to the package's classes, and to nothing else.
+numpydoc_xref_param_type = True
+numpydoc_xref_ignore = "all"
+numpydoc_xref_aliases = {word: word for word in DEFAULT_LINKS}
+numpydoc_xref_aliases |= {name: f"patchtransfer.{name}" for name in patchtransfer.__all__ if name[0].isupper()}
 
 sphinx_gallery_conf = {
     "examples_dirs": "gallery",
     "gallery_dirs": "auto_gallery",
+    "within_subsection_order": "gallery_pages.order",
     "filename_pattern": r"\.py$",
-    "image_scrapers": ("figure_scraper.scrape",),
+    "image_scrapers": ("gallery_pages.scrape",),
     "abort_on_example_error": True,
     # A script that has not changed may still fail with another version of the package.
     "run_stale_examples": True,

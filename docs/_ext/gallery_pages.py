@@ -1,4 +1,4 @@
-"""Pictures of gallery scripts: figures made without pyplot, as `patchtransfer.plot` makes them."""
+"""The gallery: order of its scripts, and pictures from figures made without pyplot, as `patchtransfer.plot` does."""
 
 from __future__ import annotations
 
@@ -8,6 +8,15 @@ from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst
 
 from patchtransfer.plot import savefig
+
+#: What comes first; other scripts follow by name.
+ORDER = ("samples", "landmarks", "own_outline", "continuity", "morph", "batch", "poisson", "reduced_order_model")
+
+
+def order(filename: str) -> tuple[int, str]:
+    """Sort key of a script."""
+    name = filename.removesuffix(".py")
+    return ORDER.index(name) if name in ORDER else len(ORDER), name
 
 
 def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
