@@ -1,9 +1,8 @@
 //! Criterion benches of the core's kernels: `cargo bench -p patchtransfer-core`.
 use criterion::{Criterion, criterion_group, criterion_main};
-use patchtransfer_core::elements::Elements;
 use patchtransfer_core::injectivity::{Limits, certify_patch};
 use patchtransfer_core::local_global::LocalGlobal;
-use patchtransfer_core::optimizer::{Settings, SplineOptimizer};
+use patchtransfer_core::optimizer::{Model, Settings, SplineOptimizer};
 use patchtransfer_core::spline::{SplinePatch, bezier_extract};
 use patchtransfer_core::ssvd;
 use patchtransfer_core::triangulation::triangulate;
@@ -81,7 +80,7 @@ fn certificate(c: &mut Criterion) {
 
 /// A bicubic square of n² spans, bent; from the harmonic map to the optimum.
 fn optimisation(c: &mut Criterion) {
-    for n in [8_u32, 32] {
+    for n in [12_u32, 40, 80] {
         let size = n as usize + 3;
         let knots: Vec<f64> =
             [0.0; 3].into_iter().chain((0..=n).map(f64::from)).chain([f64::from(n); 3]).collect();
@@ -101,13 +100,28 @@ fn optimisation(c: &mut Criterion) {
             weights: None,
         };
         let indices = vec![(0..(size * size) as u32).collect()];
-        let elements = Elements::new(&[patch], &indices, |p| 2 * p + 1, &[], &[]).unwrap();
-        let mut optimizer = SplineOptimizer::new(elements, size * size, free.clone(), None).unwrap();
+        let model = Model {
+            reference: vec![patch],
+            indices,
+            n_points: size * size,
+            nodes_per_degree: 2,
+            extra: vec![],
+            excluded: vec![],
+        };
+        let name = |stage: &str| format!("spline optimiser, {stage}/{} unknown points", free.len());
+        c.bench_function(&name("setup"), |b| {
+            b.iter(|| SplineOptimizer::new(model.clone(), free.clone(), None).unwrap())
+        });
+        let mut optimizer = SplineOptimizer::new(model, free.clone(), None).unwrap();
         let start = optimizer.harmonic(&bent).unwrap();
-        c.bench_function(&format!("spline harmonic map/{} unknown points", free.len()), |b| {
+        c.bench_function(&name("harmonic map, Laplacian kept"), |b| {
             b.iter(|| optimizer.harmonic(&bent).unwrap())
         });
-        c.bench_function(&format!("spline optimiser/{} unknown points", free.len()), |b| {
+        let one = Settings { max_steps: 1, ..Settings::default() };
+        c.bench_function(&name("coarser spaces and one step"), |b| {
+            b.iter(|| optimizer.minimise(&start, one, |_| ControlFlow::Continue(())).unwrap())
+        });
+        c.bench_function(&name("to the optimum"), |b| {
             b.iter(|| optimizer.minimise(&start, Settings::default(), |_| ControlFlow::Continue(())).unwrap())
         });
     }

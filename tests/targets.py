@@ -62,6 +62,35 @@ def articulation(mp: MultiPatch, degrees: float, at: float = 0.45, blend: float 
     return f
 
 
+def limb(neck, direction, degrees: float, blend: float, inside: Callable[[np.ndarray], np.ndarray]) -> Deformation:
+    """Rotate what lies beyond a neck, such as an arm or an ear, with a smooth transition.
+
+    `neck` is the point turned about, `direction` the limb's, `blend` the length of the transition along it (all in the
+    model's unit); `inside` says which points (n, 2) can belong to the limb, so that a second one stays.
+    """
+    neck, axis = np.asarray(neck, float), np.asarray(direction, float) / np.linalg.norm(direction)
+
+    def f(x: np.ndarray) -> np.ndarray:
+        d = x - neck
+        s = np.clip(d @ axis / blend + 0.5, 0, 1) * inside(x)
+        angle = np.radians(degrees) * s**3 * (10 - 15 * s + 6 * s**2)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        return neck + np.column_stack([cosine * d[:, 0] - sine * d[:, 1], sine * d[:, 0] + cosine * d[:, 1]])
+
+    return f
+
+
+def waves(mp: MultiPatch, size: float, seed: int) -> Deformation:
+    """Add a few random long waves, `size` of the box's diagonal at most."""
+    low, high = box(mp)
+    diagonal = float(np.linalg.norm(high - low))
+    rng = np.random.default_rng(seed)
+    frequency = rng.normal(size=(4, 2)) * 4 / diagonal
+    phase, push = rng.uniform(0, 2 * np.pi, 4), rng.normal(size=(4, 2))
+    push *= size * diagonal / np.linalg.norm(push, axis=1).sum()
+    return lambda x: x + np.sin(x @ frequency.T + phase) @ push
+
+
 def swirl(mp: MultiPatch, centre, degrees: float, width: float) -> Deformation:
     """Rotate a Gaussian neighbourhood; units as of `bump`."""
     low, high = box(mp)

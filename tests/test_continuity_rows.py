@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import models
 import patchtransfer as pt
 import targets
-from patchtransfer.constrained import optimize_under_rows
+from patchtransfer.constrained import best_under_rows
 from patchtransfer.continuity import ContinuityRows, c1_rows
 from patchtransfer.gluing import ControlRows, chord_ratios, control_rows
 from patchtransfer.null_space import row_space
@@ -287,6 +287,17 @@ def test_paper_method_keeps_rows_too():
     assert any(entry.startswith("under") for entry in result.log)
 
 
+@needs_models
+def test_rows_on_a_folded_map_follow_the_source():
+    """The paper's method may fold; its rows hold all the same, with the frames of the source."""
+    mp = pt.read(Path(MODELS) / "turtle.xml")
+    target, landmarks = targets.deformed(mp, targets.articulation(mp, 45, at=0.65, blend=0.4))
+    result = pt.transfer(mp, target, landmarks, "c1", "paper", on_failure="return")
+    assert not result.certificate.injective
+    assert any("with the source's frames" in entry for entry in result.log)
+    assert result.rows.residual <= 1e-10
+
+
 def test_degree_one_has_no_rows_and_says_so():
     mp = models.grid(2, 2, 1, 2)
     result = pt.transfer(mp, mp.boundary())
@@ -337,9 +348,9 @@ def test_impossible_rows_are_taken_back_and_reported():
                 rows.matrix.data[span][rows.matrix.indices[span] != slave] = [3.0, -2.0]
         return rows
 
-    points, certificate, log, active = optimize_under_rows(
+    points, certificate, log, active = best_under_rows(
         t,
-        crossed,
+        [crossed],
         lambda null_space=None, **options: SplineOptimizer(t, null_space=null_space, **options),
         t.coordinates,
         lambda x: pt.certify(mp.with_shared_points(x)),

@@ -160,8 +160,8 @@ def test_refill_takes_any_boundary_on_the_same_sides():
         plan.refill(points[1:])
     with pytest.raises(InputError, match="refill"):
         plan.refill(points * np.nan)
+    points[boundary] = np.random.default_rng(0).permutation(points[boundary])
     with pytest.raises(InfeasibleTargetError, match="boundary"):
-        points[boundary] = np.random.default_rng(0).permutation(points[boundary])
         plan.refill(points)
 
 

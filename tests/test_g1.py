@@ -245,3 +245,14 @@ def test_real_models_nod(name):
     result = pt.transfer(mp, target, landmarks, "g1")
     is_exact(result)
     assert result.quality.scaled_jacobian.min >= 0.15
+
+
+@needs_models
+def test_linear_gluing_where_the_best_fit_squeezes_the_map():
+    """The fitted c folds a leg of the turtle nearly flat (minimum 0.02): the second choice is taken."""
+    mp = REAL["turtle"](pt.read(Path(MODELS) / "turtle.xml"))
+    target, landmarks = targets.deformed(mp, targets.bend(mp, 60))
+    result = pt.transfer(mp, target, landmarks, "g1")
+    is_exact(result)
+    assert "2 choices of rows" in result.log[-1]
+    assert result.quality.scaled_jacobian.min >= 0.3

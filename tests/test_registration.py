@@ -128,15 +128,15 @@ def test_one_landmark_is_a_start():
 
 
 def test_arc_lengths_between_landmarks_keep_their_fractions():
-    """r landmarks on a loop make r arcs; corners near the images would be snapped to, so the target has none."""
+    """With all joints as landmarks arc length alone decides between them."""
     source = polygon(SQUARE)
     ring = Boundary([[circle(2.0)]])
-    at = np.radians([10, 120, 300])
-    rows = np.column_stack([[[0.5, 0], [1, 0.25], [0, 0.5]], 2 * np.cos(at), 2 * np.sin(at)])
+    at = np.radians([10, 120, 150, 300])
+    rows = np.column_stack([SQUARE, 2 * np.cos(at), 2 * np.sin(at)])
     (r,) = register([source], ring, rows).loops
-    s = np.array([0.5, 1.25, 3.5, 4.5])
-    t = 2 * np.radians([10, 120, 300, 370])
-    for i in range(3):
+    s = np.array([0.0, 1, 2, 3, 4])
+    t = 2 * np.radians([10, 120, 150, 300, 370])
+    for i in range(4):
         for fraction in (0.0, 0.3, 0.8):
             image = r.to_target(s[i] + fraction * (s[i + 1] - s[i]))
             expected = (t[i] + fraction * (t[i + 1] - t[i])) % r.target.length
@@ -157,9 +157,9 @@ def test_marked_curves_follow_the_paper():
     # Curve 3 (from joint 3 to joint 0) is unmarked: its end is where the landmarks put it, two thirds on the way.
     length = 2 * np.pi
     start = np.radians(270) + (1 / 1.5) * np.radians(90)
-    for r in (split, marked):
-        assert float(r.to_target(0.0) % length) == pytest.approx(start, abs=1e-3)
-        for s, a in ((2.0, angle[1]), (3.0, angle[2]), (5.0, angle[3])):
+    assert float(marked.to_target(0.0) % length) == pytest.approx(start, abs=1e-3)
+    for s, a in ((2.0, angle[1]), (3.0, angle[2]), (5.0, angle[3])):
+        for r in (split, marked):
             assert float(r.to_target(s) % length) == pytest.approx(a, abs=1e-3)
     # Within the marked curve arc length alone decides; its landmark is dropped.
     end = angle[1] + length

@@ -1,6 +1,5 @@
 """Transfers end to end: evidence, refusals, plans, both methods, real models."""
 
-import importlib
 import os
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -15,7 +14,7 @@ from hypothesis import strategies as st
 import models
 import patchtransfer as pt
 import targets
-from patchtransfer import Boundary, BSplineCurve, InfeasibleTargetError, InputError, NotCertifiedError
+from patchtransfer import Boundary, BSplineCurve, InfeasibleTargetError, InputError, NotCertifiedError, interior
 from patchtransfer.outline import Outline, hausdorff
 from strategies import knot_vectors, turned
 from test_outline import polygon
@@ -345,17 +344,15 @@ def hard() -> tuple[pt.MultiPatch, Boundary, np.ndarray]:
 
 def test_failures_carry_the_best_map(monkeypatch):
     """The optimiser never fails on feasible sample targets, so its certificate is made to."""
-    # The package's attribute of this name is the function.
-    driver = importlib.import_module("patchtransfer.transfer")
     mp = models.grid(2, 2, 2, 1)
     target, landmarks = targets.deformed(mp, targets.bend(mp, 20))
     plan = pt.TransferPlan(mp)
-    real = driver.certify
+    real = interior.certify
 
     def doubtful(multipatch):
         return replace(real(multipatch), injective=False, status="undecided", reasons=("patch 0 is undecided",))
 
-    monkeypatch.setattr(driver, "certify", doubtful)
+    monkeypatch.setattr(interior, "certify", doubtful)
     with pytest.raises(
         NotCertifiedError, match=r"no certified map was found.*undecided.*patch 0.*refine='auto'"
     ) as caught:

@@ -98,6 +98,23 @@ class DistortionDescent:
     def minimise(self, u: FloatArray, max_steps: int, tolerance: float) -> tuple[FloatArray, list[float], str]: ...
     def energy(self, u: FloatArray) -> float: ...
 
+def inner_distances(points: FloatArray, sizes: list[int]) -> FloatArray: ...
+
+class Matching:
+    def __init__(
+        self,
+        source: FloatArray,
+        target: FloatArray,
+        cost: FloatArray,
+        point_cost: FloatArray,
+        source_skip: FloatArray,
+        target_skip: FloatArray,
+        stretch: float,
+        band: float,
+    ) -> None: ...
+    def scan(self, starts: list[int]) -> FloatArray: ...
+    def solve(self, start: int) -> tuple[float, IntArray] | None: ...
+
 def set_threads(n: int) -> None: ...
 
 class SplineOptimizer:

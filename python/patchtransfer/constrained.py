@@ -7,7 +7,7 @@ says. A certified reference therefore never turns into an uncertified result.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -22,10 +22,12 @@ from .optimize import Certify, Progress, SplineOptimizer, optimize_with_ladder
 from .splines import FloatArray
 from .topology import CORNERS, Spoke, Topology
 
-__all__ = ["ActiveRows", "MakeRows", "optimize_under_rows", "rows_summary"]
+__all__ = ["ActiveRows", "MakeRows", "Solve", "best_under_rows", "optimize_under_rows", "rows_summary"]
 
 #: A corner collapses when its scaled Jacobian falls below this fraction of the reference's.
 COLLAPSED = 0.8
+#: A choice of rows costs too much when the smallest determinant falls below this fraction of the reference's.
+SPOILT = 0.5
 #: Rows whose residual is below this fraction of the diameter are kept.
 KEPT = 1e-10
 #: Rounds of taking rows from interfaces.
@@ -102,32 +104,69 @@ def _names(mp: MultiPatch, interfaces: Collection[int]) -> str:
 
 #: ``make_rows(released, without)`` gives the rows without those named.
 MakeRows = Callable[[Collection[Spoke], Collection[int]], ContinuityRows]
+#: ``solve(space, start)`` gives points, certificate and log.
+Solve = Callable[[RowSpace, FloatArray], tuple[FloatArray, Certificate, list[str]]]
+Outcome = tuple[FloatArray, Certificate, list[str], ActiveRows]
 
 
-def optimize_under_rows(
+def best_under_rows(
     topology: Topology,
-    make_rows: MakeRows,
+    choices: Sequence[MakeRows],
     make: Callable[..., SplineOptimizer],
     reference: FloatArray,
     certify: Certify,
     progress: Progress | None = None,
     *,
     release: bool = True,
-) -> tuple[FloatArray, Certificate, list[str], ActiveRows]:
-    """Optimise under continuity rows, starting from a certified map without them.
+) -> Outcome:
+    """Optimise the spline under the first choice of rows, and under the next where that costs too much.
+
+    That is where interfaces lost their rows, or the smallest determinant fell below half of the reference's. Among the
+    choices tried the one with most interfaces, then with least distortion, is kept. Parameters as of
+    `optimize_under_rows`; ``make(null_space=..., nodes_per_degree=..., extra_nodes=...)`` gives an optimizer.
+    """
+    solve = _ladder(topology, make, certify, progress)
+    tried: list[tuple[tuple[int, float], Outcome]] = []
+    log: list[str] = []
+    for make_rows in choices:
+        found = optimize_under_rows(topology, make_rows, solve, reference, certify, release=release)
+        if len(choices) == 1:
+            return found
+        plain = make()
+        log += found[2]
+        missing = len(found[3].without) + len(found[3].contradictory)
+        tried.append(((missing, plain.minimise(found[0], max_steps=0).energy), found))
+        least = [plain.minimum_determinant(points) for points in (found[0], reference)]
+        if not missing and least[0] >= SPOILT * least[1]:
+            break
+    points, certificate, _, rows = min(tried, key=lambda entry: entry[0])[1]
+    if len(tried) > 1:
+        log.append(f"{len(tried)} choices of rows were tried, the one of least distortion is kept")
+    return points, certificate, log, rows
+
+
+def optimize_under_rows(
+    topology: Topology,
+    make_rows: MakeRows,
+    solve: Solve,
+    reference: FloatArray,
+    certify: Certify,
+    *,
+    release: bool = True,
+) -> Outcome:
+    """Find a certified map under continuity rows, starting from one without them.
 
     Parameters
     ----------
     topology : Topology
     make_rows : callable
         ``make_rows(released, without)``, a `ContinuityRows`.
-    make : callable
-        ``make(null_space=..., nodes_per_degree=..., extra_nodes=...)`` gives an optimizer.
+    solve : callable
+        ``solve(space, start)`` gives points, certificate and log of a map under the rows of a `RowSpace`.
     reference : (n_points, 2) array
         The certified map, on the target boundary.
     certify : callable
         Shared control points to certificate.
-    progress : callable, optional
     release : bool, default True
         Whether rows are released at boundary corners that collapse.
 
@@ -141,24 +180,15 @@ def optimize_under_rows(
     near, rounds = reference, 0
     while rounds < ROUNDS:
         space, start, released = _start(topology, make_rows, reference, near, released, without, release)
-        problem = _Problem(space, make, start)
-        found, certificate, tried = optimize_with_ladder(
-            problem.make,
-            problem.start,
-            certify,
-            source=topology.coordinates,
-            boundary=topology.boundary_points,
-            progress=None if progress is None else partial(_renamed, progress),
-            project=space.project,
-        )
+        points, certificate, tried = solve(space, start)
         log += [f"under {len(space.rows)} rows, {entry}" for entry in tried]
-        collapsed = _collapsed(topology, reference, found.points) - released if release else frozenset[Spoke]()
+        collapsed = _collapsed(topology, reference, points) - released if release else frozenset[Spoke]()
         if collapsed:
             released |= collapsed
-            near = found.points if certificate.injective else reference
+            near = points if certificate.injective else reference
             log.append(f"corners collapse: the second rows of {len(collapsed)} interface ends are released")
         elif certificate.injective:
-            return found.points, certificate, log, rows_summary(topology, space, found.points, released)
+            return points, certificate, log, rows_summary(topology, space, points, released)
         else:
             without |= _around(topology, certificate)
             near, rounds = reference, rounds + 1
@@ -168,22 +198,30 @@ def optimize_under_rows(
     return reference, certify(reference), log, rows_summary(topology, space, reference)
 
 
+def _ladder(
+    topology: Topology, make: Callable[..., SplineOptimizer], certify: Certify, progress: Progress | None
+) -> Solve:
+    """The spline optimiser's ladder as a solver under rows."""
+
+    def solve(space: RowSpace, start: FloatArray) -> tuple[FloatArray, Certificate, list[str]]:
+        plain = make(null_space=space.basis)
+        start = start if plain.minimum_determinant(start) > 0 else plain.harmonic(start)
+        found, certificate, log = optimize_with_ladder(
+            lambda **options: make(null_space=space.basis, **options) if options else plain,
+            start,
+            certify,
+            source=topology.coordinates,
+            boundary=topology.boundary_points,
+            progress=None if progress is None else partial(_renamed, progress),
+            project=space.project,
+        )
+        return found.points, certificate, log
+
+    return solve
+
+
 def _renamed(progress: Progress, stage: str, step: int, energy: float, least: float) -> None:
     progress(f"under continuity rows: {stage}", step, energy, least)
-
-
-class _Problem:
-    """Optimisation under given rows; the plain optimizer is kept."""
-
-    def __init__(self, space: RowSpace, make: Callable[..., SplineOptimizer], start: FloatArray) -> None:
-        self.space = space
-        self._make = make
-        self.optimizer = make(null_space=space.basis)
-        self.start = start if self.optimizer.minimum_determinant(start) > 0 else self.optimizer.harmonic(start)
-
-    def make(self, **options: Any) -> SplineOptimizer:
-        """As asked for by the ladder."""
-        return self._make(null_space=self.space.basis, **options) if options else self.optimizer
 
 
 def _start(

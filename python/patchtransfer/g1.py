@@ -56,7 +56,9 @@ def check_g1_space(mp: MultiPatch) -> None:
             )
 
 
-def gluing_data(topology: Topology, control: tuple[ControlRows, ...], reference: FloatArray) -> FloatArray:
+def gluing_data(
+    topology: Topology, control: tuple[ControlRows, ...], reference: FloatArray, linear: bool = False
+) -> FloatArray:
     """Gluing data of every interface: Bernstein coefficients a_0, a_1, b_0, b_1, c_0, c_1, c_2, shape (n, 7).
 
     Parameters
@@ -66,6 +68,9 @@ def gluing_data(topology: Topology, control: tuple[ControlRows, ...], reference:
     reference : (n_points, 2) array
         A map with C1 rows on exactly this boundary: its frames give the end values, and c_1 fits it best (least
         squares), changed as little as possible so that the twist rows close at regular vertices.
+    linear : bool, default False
+        Take c_1 midway between c_0 and c_2 instead of the best fit: iso-lines bend more, but where kinks at both ends
+        of an interface fade towards its middle this asks less of the map.
 
     Raises
     ------
@@ -77,7 +82,7 @@ def gluing_data(topology: Topology, control: tuple[ControlRows, ...], reference:
         data[i, [0, 2, 4]], data[i, [1, 3, 6]] = r.end_gluing(reference)
     closing = _smooth_vertices(topology, data)
     for i, r in enumerate(control):
-        data[i, 5] = _best_middle(r, data[i], reference)
+        data[i, 5] = (data[i, 4] + data[i, 6]) / 2 if linear else _best_middle(r, data[i], reference)
     if closing:
         _close_twists(control, closing, data, reference)
     return data
@@ -181,7 +186,11 @@ def _nodes(r: ControlRows) -> FloatArray:
 
 
 def g1_rows(
-    topology: Topology, control: tuple[ControlRows, ...], reference: FloatArray, without: Collection[int] = ()
+    topology: Topology,
+    control: tuple[ControlRows, ...],
+    reference: FloatArray,
+    without: Collection[int] = (),
+    linear: bool = False,
 ) -> ContinuityRows:
     """Rows a D_L + b D_R - c C' = 0 along every interface, orthonormal.
 
@@ -193,12 +202,14 @@ def g1_rows(
         As in `gluing_data`.
     without : collection of int
         Interfaces that get no rows.
+    linear : bool, default False
+        As in `gluing_data`.
 
     Returns
     -------
     ContinuityRows
     """
-    data = gluing_data(topology, control, reference)
+    data = gluing_data(topology, control, reference, linear)
     columns: list[IntArray] = []
     entries: list[FloatArray] = []
     interface: list[int] = []

@@ -14,10 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .boundary_shape import CORNER
 from .errors import InputError
+from .landmarks import SNAP_DISTANCE
 from .multipatch import Boundary, MultiPatch
 from .outline import Outline
-from .registration import CORNER, SNAP_DISTANCE, register
+from .registration import register
 from .result import TransferResult
 from .splines import FloatArray, Patch, frozen_array, greville, knot_spans
 from .transfer import TransferPlan

@@ -87,6 +87,8 @@ class TransferResult:
             "registration": {
                 "joints": [{"source": a.tolist(), "target": b.tolist()} for a, b in self.registration.joints],
                 "confidence": self.registration.confidence,
+                "landmarks": self.registration.landmarks.tolist(),
+                "runner_up": self.registration.runner_up and self.registration.runner_up.to_dict(),
             },
             "method": self.method,
             "log": list(self.log),

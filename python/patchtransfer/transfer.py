@@ -6,45 +6,36 @@ of its own that takes and returns plain values.
 
 from __future__ import annotations
 
-import threading
-import time
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csc_array
 
 from .certificate import Certificate, certify
-from .constrained import ActiveRows, optimize_under_rows, rows_summary
-from .continuity import ContinuityRows, c1_rows
+from .clock import Clock
 from .continuity_report import check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError
 from .feasibility import check_corners, check_loops, check_target_corners
 from .fitting import SMOOTH, FittedBoundary, fit_boundary
-from .g1 import check_g1_space, g1_rows
-from .gluing import control_rows
+from .g1 import check_g1_space
+from .interior import CONTINUITY, InteriorSolver
 from .multipatch import Boundary, MultiPatch
-from .null_space import row_space
-from .optimize import Progress, SplineOptimizer, degenerate_corners, optimize_with_ladder
+from .optimize import Progress
 from .outline import Outline
-from .paper_method import PaperHistory, paper_map
 from .quality import quality
 from .refinement import Knot, insert_in_strips, missed_spans, span_middles
 from .registration import Registration, register
 from .result import TransferResult
 from .sliding import Slid, movable_joints, slide_joints
 from .splines import FloatArray, Patch
-from .topology import CORNERS, Spoke
+from .topology import CORNERS
 
 __all__ = ["Refilled", "TransferPlan", "transfer"]
 
 METHODS = ("certified", "paper")
-CONTINUITY = ("c0", "c1", "g1")
 #: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
 REFINEMENTS = 6
 
@@ -160,23 +151,15 @@ class TransferPlan:
                 "by one"
             )
         self._welded = source.with_shared_points(topology.coordinates)
-        self._control = () if continuity == "c0" else control_rows(topology)
         self._loops = self._welded.boundary().loops
+        self._outlines = [Outline(loop) for loop in self._loops]
         valence = {vertex.point: vertex.valence for vertex in topology.vertices}
         starts = [[int(side.points(topology.points[side.patch])[0]) for side in loop] for loop in topology.loops]
         self._single = [[valence[point] == 1 for point in loop] for loop in starts]
-        self._degenerate = degenerate_corners(source.patches if reference is None else reference)
         certificate = certify(self._welded)
         if not certificate.injective:
             raise InputError(f"the source is not an injective parameterization: {'; '.join(certificate.reasons)}")
-        self._thread = threading.local()
-
-    def __getstate__(self) -> dict[str, object]:
-        # Optimizers stay behind: they are rebuilt where the plan arrives.
-        return {name: value for name, value in self.__dict__.items() if name != "_thread"}
-
-    def __setstate__(self, state: dict[str, object]) -> None:
-        self.__dict__.update(state, _thread=threading.local())
+        self._interior = InteriorSolver(source, continuity, reference)
 
     def transfer(
         self,
@@ -204,7 +187,7 @@ class TransferPlan:
             fixed_correspondence = landmarks is not None or method == "paper"
         elif not fixed_correspondence and method == "paper":
             raise InputError('joints slide with method="certified" only; leave fixed_correspondence out')
-        clock = _Clock()
+        clock = Clock()
         registration = self._register(target, landmarks, method, clock)
         movable = None if fixed_correspondence else movable_joints(registration, landmarks)
         plan, fitted = self, self._fit(registration, method, fit_tolerance, clock)
@@ -285,13 +268,13 @@ class TransferPlan:
         check_loops(curves, "boundary")
         corners = check_corners(curves, self._single, "boundary")
         degenerate = [self._corner_of(c.loop, c.joint) for c in corners if c.kind == "degenerate"]
-        found, certificate, log, *_ = self._certified(start, degenerate, progress, _Clock())
-        return Refilled(self.source.with_shared_points(found), certificate, tuple(log))
+        found = self._interior.certified(start, degenerate, progress, Clock())
+        return Refilled(self.source.with_shared_points(found.points), found.certificate, tuple(found.log))
 
-    def _register(self, target: Boundary, landmarks: ArrayLike | None, method: str, clock: _Clock) -> Registration:
+    def _register(self, target: Boundary, landmarks: ArrayLike | None, method: str, clock: Clock) -> Registration:
         """Correspondence of the boundaries, on a target that allows an injective map."""
         with clock("registration"):
-            registration = register(self._loops, target, landmarks, marked_curves=method == "paper")
+            registration = register(self._outlines, target, landmarks, marked_curves=method == "paper")
         with clock("feasibility"):
             # As given, so that messages name the user's own loops, curves and parameters.
             notes = check_loops(target.loops, "target boundary")
@@ -304,13 +287,13 @@ class TransferPlan:
             )
         return replace(registration, warnings=(*registration.warnings, *notes))
 
-    def _fit(self, registration: Registration, method: str, tolerance: float, clock: _Clock) -> FittedBoundary:
+    def _fit(self, registration: Registration, method: str, tolerance: float, clock: Clock) -> FittedBoundary:
         with clock("fitting"):
             parameters = "uniform" if method == "paper" else "speed"
             return fit_boundary(registration, parameters=parameters, tolerance=tolerance)
 
     def _refined_to_tolerance(
-        self, registration: Registration, fitted: FittedBoundary, method: str, tolerance: float, clock: _Clock
+        self, registration: Registration, fitted: FittedBoundary, method: str, tolerance: float, clock: Clock
     ) -> tuple[TransferPlan, Registration, FittedBoundary, list[str]]:
         """Insert knots where the fit misses the target, until it reaches the tolerance."""
         plan, count = self, 0
@@ -351,7 +334,7 @@ class TransferPlan:
         method: str,
         progress: Progress | None,
         fit_tolerance: float,
-        clock: _Clock,
+        clock: Clock,
     ) -> TransferResult:
         """From the fitted boundary to the result, with the source's knots."""
         with clock("feasibility"):
@@ -361,15 +344,10 @@ class TransferPlan:
                 for k, c in degenerate
             ]
             start = self._with_boundary(fitted)
-        rows: ActiveRows | None = None
-        history = None
         if failure is not None:
-            # No interior can mend the boundary: show the harmonic map on it.
-            points, log = self._optimizer(()).harmonic(start), [failure]
-            certificate = self._certify(points, clock)
+            found = self._interior.harmonic(start, clock, failure)
         elif method == "paper":
-            points, certificate, log, notes, rows, history = self._paper(start, clock)
-            warnings += notes
+            found = self._interior.paper(start, clock)
         else:
             slides = []
             if movable is not None and any(mask.any() for mask in movable):
@@ -383,35 +361,36 @@ class TransferPlan:
                         f"joints slid in {len(slid.energies) - 1} rounds: energy {slid.energies[0]:.4f} -> "
                         f"{slid.energies[-1]:.4f}"
                     ]
-            points, certificate, log, rows = self._certified(start, degenerate, progress, clock)
-            log = slides + log
-        if rows is not None:
-            warnings += rows.warnings(self.source)
+            found = self._interior.certified(start, degenerate, progress, clock)
+            found.log[:0] = slides
+        warnings += found.notes
+        if found.rows is not None:
+            warnings += found.rows.warnings(self.source)
         elif self.continuity != "c0" and self.source.interfaces:
             warnings.append(
                 f'patches are joined C0 only, not "{self.continuity}": there is no injective map to start from'
             )
         with clock("quality"):
-            multipatch = self.source.with_shared_points(points)
+            multipatch = self._interior.model(found.points)
             metrics = quality(multipatch, exclude=degenerate)
         with clock("continuity report"):
             continuity = check_continuity(multipatch)
         return TransferResult(
             multipatch=multipatch,
-            certificate=certificate,
+            certificate=found.certificate,
             quality=metrics,
             continuity=continuity,
-            rows=rows,
+            rows=found.rows,
             boundary_error=fitted.error,
             registration=registration,
             fitted=fitted,
             corner_bound=corner_bound,
             method=method,
-            log=tuple(log),
+            log=tuple(found.log),
             fit_failed=failure is not None,
             warnings=(*registration.warnings, *fitted.warnings, *warnings),
             timings=clock.seconds,
-            paper_history=history,
+            paper_history=found.history,
         )
 
     def _check_fit(self, fitted: FittedBoundary) -> tuple[float, list[tuple[int, int]], str | None]:
@@ -448,10 +427,6 @@ class TransferPlan:
                 points[side.points(topology.points[side.patch])] = fit.curve.control_points
         return points
 
-    def _certify(self, points: FloatArray, clock: _Clock) -> Certificate:
-        with clock("certificate"):
-            return certify(self.source.with_shared_points(points))
-
     def _slide(
         self,
         registration: Registration,
@@ -462,7 +437,7 @@ class TransferPlan:
         tolerance: float,
     ) -> Slid | None:
         """Joints where the distortion is least; None when the map is folded to begin with, so has no distortion."""
-        optimizer = self._optimizer(degenerate)
+        optimizer = self._interior.optimizer(degenerate)
         found = optimizer.minimise(optimizer.harmonic(start))
         if found.min_determinant <= 0:
             return None
@@ -484,98 +459,6 @@ class TransferPlan:
             tolerance,
         )
 
-    def _certified(
-        self, start: FloatArray, degenerate: Sequence[tuple[int, int]], progress: Progress | None, clock: _Clock
-    ) -> tuple[FloatArray, Certificate, list[str], ActiveRows | None]:
-        """Spline harmonic map, then distortion optimisation until the certificate accepts the map; then rows."""
-        topology = self.source.topology
-        make, check = partial(self._optimizer, degenerate), partial(self._certify, clock=clock)
-        with clock("optimisation"):
-            found, certificate, log = optimize_with_ladder(
-                make,
-                start,
-                check,
-                source=topology.coordinates,
-                boundary=topology.boundary_points,
-                progress=progress,
-            )
-        points, rows = found.points, None
-        for level in self._levels if certificate.injective else ():
-            with clock("continuity rows"):
-                points, certificate, under, rows = optimize_under_rows(
-                    topology, partial(self._rows, level, points), make, points, check, progress, release=level == "c1"
-                )
-            log += under
-        return points, certificate, log, rows
-
-    @property
-    def _levels(self) -> tuple[str, ...]:
-        """Exact G1 follows the frames of a map with C1 rows."""
-        return CONTINUITY[1 : CONTINUITY.index(self.continuity) + 1]
-
-    def _rows(
-        self,
-        level: str,
-        reference: FloatArray,
-        released: Collection[Spoke] = (),
-        without: Collection[int] = (),
-    ) -> ContinuityRows:
-        """Continuity rows that follow the speeds and frames of a reference map."""
-        if level == "g1":
-            return g1_rows(self.source.topology, self._control, reference, without)
-        return c1_rows(self.source.topology, self._control, reference, released, without)
-
-    def _optimizer(
-        self,
-        degenerate: Sequence[tuple[int, int]],
-        nodes_per_degree: int = 2,
-        extra_nodes: Sequence[tuple[int, float, float]] = (),
-        null_space: csc_array | None = None,
-    ) -> SplineOptimizer:
-        """Optimizer on the source; symbolic work is kept, one optimizer a thread because it owns its buffers."""
-        excluded = sorted(set(degenerate) | set(self._degenerate))
-        cache: dict[object, SplineOptimizer] = self._thread.__dict__.setdefault("optimizers", {})
-        key = (nodes_per_degree, tuple(excluded))
-        single_use = bool(extra_nodes) or null_space is not None
-        if single_use or key not in cache:
-            optimizer = SplineOptimizer(
-                self.source.topology,
-                self.reference,
-                nodes_per_degree=nodes_per_degree,
-                extra_nodes=extra_nodes,
-                excluded_corners=excluded,
-                null_space=null_space,
-            )
-            if single_use:
-                return optimizer
-            cache[key] = optimizer
-        return cache[key]
-
-    def _paper(
-        self, start: FloatArray, clock: _Clock
-    ) -> tuple[FloatArray, Certificate, list[str], list[str], ActiveRows | None, PaperHistory]:
-        """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
-        topology = self.source.topology
-        mapped = paper_map(topology, start, stage=clock)
-        certificate = self._certify(mapped.points, clock)
-        log, space = list(mapped.log), None
-        for level in self._levels:
-            # The rows follow speeds and frames: where this map is folded, those of the source.
-            reference = mapped.points if certificate.injective else topology.coordinates
-            with clock("continuity rows"):
-                space = row_space(self._rows(level, reference), topology.interior_points, start)
-            under = paper_map(topology, space.project(start), space.basis, stage=clock)
-            proof = self._certify(under.points, clock)
-            log += [f"under {len(space.rows)} rows, {line}" for line in under.log]
-            if certificate.injective and not proof.injective:
-                log.append("the map under these rows is not injective: the one before is kept")
-                everything = frozenset(range(len(self.source.interfaces)))
-                space = row_space(self._rows(level, reference, (), everything), topology.interior_points, start)
-            else:
-                mapped, certificate = under, proof
-        rows = None if space is None else rows_summary(topology, space, mapped.points)
-        return mapped.points, certificate, log, mapped.notes, rows, mapped.history
-
 
 class Refilled(NamedTuple):
     """Outcome of `TransferPlan.refill`."""
@@ -595,25 +478,3 @@ class _Task:
         if isinstance(target, Boundary):
             return self.plan.transfer(target, **self.options)  # type: ignore[arg-type]
         return self.plan.transfer(*target, **self.options)  # type: ignore[arg-type]
-
-
-class _Clock:
-    """Seconds per stage; a stage inside another is not counted twice."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._open: list[str] = []
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        self._open.append(stage)
-        try:
-            yield
-        finally:
-            self._open.pop()
-            spent = time.perf_counter() - begin
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + spent
-            if self._open:
-                outer = self._open[-1]
-                self.seconds[outer] = self.seconds.get(outer, 0.0) - spent

@@ -35,11 +35,6 @@ fn chi(eps: f64, det: Lanes) -> (Lanes, Lanes, Lanes) {
     (value, value / root, 0.5 * square / (root * root * root))
 }
 
-/// `χ(D)` of one number.
-pub fn chi_of(eps: f64, det: f64) -> f64 {
-    chi(eps, Lanes::splat(det)).0.0[0]
-}
-
 #[inline(always)]
 fn invariants(a: &[Lanes; 4]) -> (Lanes, Lanes) {
     (a[0] * a[3] - a[1] * a[2], a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + a[3] * a[3])

@@ -11,6 +11,8 @@ use rayon::prelude::*;
 const DAMPING: f64 = 0.01;
 /// A leg on a line gets no shorter than this part of its given length.
 const SHORTEST_LEG: f64 = 0.2;
+/// Fewer sides than this are not worth a second thread.
+pub const FEW_SIDES: usize = 64;
 /// Sides handed to a thread at once.
 const SIDES_PER_TASK: usize = 16;
 
@@ -317,10 +319,15 @@ impl<'a> BoundaryFit<'a> {
 
     fn each(&mut self, work: impl Fn(&mut Side, &Basis, &Outline) + Sync) {
         let (outlines, bases) = (&self.outlines, self.bases);
-        self.sides
-            .par_iter_mut()
-            .with_min_len(SIDES_PER_TASK)
-            .for_each(|side| work(side, &bases[side.data.basis], outlines[side.data.outline]));
+        let one = |side: &mut Side| {
+            let (basis, outline) = (side.data.basis, side.data.outline);
+            work(side, &bases[basis], outlines[outline]);
+        };
+        if self.sides.len() < FEW_SIDES {
+            self.sides.iter_mut().for_each(one);
+        } else {
+            self.sides.par_iter_mut().with_min_len(SIDES_PER_TASK).for_each(one);
+        }
     }
 
     /// First fit, with the arc lengths as given (paper Eq. 6).
@@ -383,7 +390,11 @@ impl<'a> BoundaryFit<'a> {
 
     /// See the method of a side.
     pub fn turning(&self) -> Vec<Turning> {
-        self.sides.par_iter().with_min_len(SIDES_PER_TASK).map(Side::turning).collect()
+        if self.sides.len() < FEW_SIDES {
+            self.sides.iter().map(Side::turning).collect()
+        } else {
+            self.sides.par_iter().with_min_len(SIDES_PER_TASK).map(Side::turning).collect()
+        }
     }
 
     /// Legs of all sides, in the sense of the curves.

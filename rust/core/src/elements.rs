@@ -73,7 +73,6 @@ pub struct Elements {
     pub(crate) hessian_nodes: Option<Vec<Nodes>>,
     /// Where the nodes lie in the spline space of the reference map, for [`Self::set_base`].
     samplings: Vec<[Sampling; 2]>,
-    n_points: usize,
 }
 
 /// Quadrature of one direction: nodes and weights on [-1, 1].
@@ -105,8 +104,7 @@ impl Elements {
         extra: &[ExtraNode],
         excluded: &[(usize, usize)],
     ) -> Result<Self, ElementError> {
-        let n_points = space.indices.iter().flatten().max().map_or(0, |&i| i as usize + 1);
-        let mut out = Self::empty(n_points);
+        let mut out = Self::empty();
         for (k, patch) in reference.iter().enumerate() {
             let rule = |degree: usize| lobatto(nodes_per_span(degree));
             let ends: [[f64; 2]; 2] =
@@ -136,7 +134,7 @@ impl Elements {
 
     /// Integrate the Hessian on fewer, Gauss–Legendre nodes: `degree + 1` a span and direction.
     pub(crate) fn use_gauss_hessian(&mut self, reference: &[SplinePatch], space: &Space) {
-        let mut other = Self::empty(self.n_points);
+        let mut other = Self::empty();
         for (k, patch) in reference.iter().enumerate() {
             // Singular where no Lobatto node is: such a node is left out, the energy decides.
             let rule = |degree: usize| gauss(degree + 1);
@@ -164,8 +162,8 @@ impl Elements {
         self.samplings.extend(other.samplings);
     }
 
-    fn empty(n_points: usize) -> Self {
-        Self { axes: vec![], strips: vec![], nodes: vec![], hessian_nodes: None, samplings: vec![], n_points }
+    fn empty() -> Self {
+        Self { axes: vec![], strips: vec![], nodes: vec![], hessian_nodes: None, samplings: vec![] }
     }
 
     fn push_patch(
@@ -293,11 +291,6 @@ impl Elements {
     /// Number of strips.
     pub(crate) fn len(&self) -> usize {
         self.strips.len()
-    }
-
-    /// Number of points the functions belong to.
-    pub(crate) fn n_points(&self) -> usize {
-        self.n_points
     }
 }
 

@@ -159,7 +159,8 @@ fn at_nodes<const FUSED: bool>(e: &Evaluation, row: usize, column: usize) -> ([L
     let mut j = if e.nodes.base.is_empty() {
         [Lanes::ZERO; 4]
     } else {
-        [0, 1, 2, 3].map(|k| Lanes::load(&e.nodes.base[(row * 4 + k) * columns + column..]))
+        let base = |k: usize| Lanes::load(&e.nodes.base[(row * 4 + k) * columns + column..]);
+        [base(0), base(1), base(2), base(3)]
     };
     for b in 0..v.n {
         let (value, slope) = (v.values[row * v.n + b], v.slopes[row * v.n + b]);
@@ -170,7 +171,8 @@ fn at_nodes<const FUSED: bool>(e: &Evaluation, row: usize, column: usize) -> ([L
         j[3] = j[3].add_product::<FUSED>(slope, field(3));
     }
     let plane = |k: usize| Lanes::load(&e.nodes.planes[(row * 5 + k) * columns + column..]);
-    let t = [0, 1, 2, 3].map(|k| e.parameters.scale * plane(k));
+    let s = e.parameters.scale;
+    let t = [s * plane(0), s * plane(1), s * plane(2), s * plane(3)];
     let a = [
         j[0] * t[0] + j[1] * t[2],
         j[0] * t[1] + j[1] * t[3],
@@ -265,7 +267,8 @@ fn collect_gradient<const FUSED: bool>(e: &mut Evaluation) {
     for j in 0..n_v {
         let to = &mut e.buffers.gradient[j * n_u..][..n_u];
         for node in 0..u.nodes() {
-            let d = [0, 1, 2, 3].map(|k| e.buffers.by_node[(k * n_v + j) * columns + node]);
+            let by_field = |k: usize| e.buffers.by_node[(k * n_v + j) * columns + node];
+            let d = [by_field(0), by_field(1), by_field(2), by_field(3)];
             let first = u.first[node / u.per_span];
             for a in 0..u.n {
                 let (value, slope) = (u.values[node * u.n + a], u.slopes[node * u.n + a]);
@@ -296,14 +299,18 @@ fn second_derivatives<const FUSED: bool>(
     let xx = turned(h[0], h[1], h[1], h[4]);
     let xy = turned(h[2], h[3], h[5], h[6]);
     let yy = turned(h[7], h[8], h[8], h[9]);
-    [xx[0], xx[1], xy[0], xy[1], xx[3], xy[2], xy[3], yy[0], yy[1], yy[3]].map(|v| w * v)
+    let mut out = [xx[0], xx[1], xy[0], xy[1], xx[3], xy[2], xy[3], yy[0], yy[1], yy[3]];
+    for v in &mut out {
+        *v = w * *v;
+    }
+    out
 }
 
 /// `w T Tᵀ`: the Laplacian's coefficients.
 #[inline(always)]
 fn metric(e: &Evaluation, row: usize, column: usize) -> [Lanes; 3] {
     let plane = |k: usize| Lanes::load(&e.nodes.planes[(row * 5 + k) * e.nodes.columns + column..]);
-    let (t, w) = ([0, 1, 2, 3].map(plane), plane(4));
+    let (t, w) = ([plane(0), plane(1), plane(2), plane(3)], plane(4));
     [w * (t[0] * t[0] + t[1] * t[1]), w * (t[0] * t[2] + t[1] * t[3]), w * (t[2] * t[2] + t[3] * t[3])]
 }
 
@@ -390,7 +397,10 @@ fn contract_second<const FUSED: bool, const COMPONENTS: usize>(
                 }
                 for column in (0..columns).step_by(WIDTH) {
                     if count == TOGETHER {
-                        let mut sum = to.map(|at| Lanes::load(&pending[at + column..]));
+                        let mut sum = [Lanes::ZERO; TOGETHER];
+                        for k in 0..TOGETHER {
+                            sum[k] = Lanes::load(&pending[to[k] + column..]);
+                        }
                         for q in 0..per_span {
                             let h = Lanes::load(&from[q * columns + column..]);
                             for k in 0..TOGETHER {

@@ -7,7 +7,7 @@ use numpy::ndarray::{Array2, Array3};
 use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
 };
-use patchtransfer_core::boundary_fit::{Basis, BoundaryFit as Core, Side, SideData};
+use patchtransfer_core::boundary_fit::{Basis, BoundaryFit as Core, FEW_SIDES, Side, SideData};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -147,8 +147,10 @@ impl BoundaryFit {
 impl BoundaryFit {
     fn with<T: Send>(&mut self, py: Python<'_>, work: impl FnOnce(Core<'_>) -> T + Send) -> PyResult<T> {
         let outlines = self.outlines.iter().map(|o| &o.get().core).collect();
+        let few = self.sides.len() < FEW_SIDES;
         let core = Core::new(outlines, &self.bases, &mut self.sides);
-        threads::run(py, || work(core))
+        // Going over to the pool takes longer than a step with few sides.
+        if few { Ok(py.detach(|| work(core))) } else { threads::run(py, || work(core)) }
     }
 }
 

@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 mod boundary_fit;
 mod certificate;
 mod convert;
+mod correspondence;
 mod galerkin;
 mod mesh;
 mod mesh_map;
@@ -25,5 +26,6 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     mesh::register(m)?;
     mesh_map::register(m)?;
     spline::register(m)?;
+    correspondence::register(m)?;
     Ok(())
 }

@@ -1,0 +1,194 @@
+"""Stages 4 to 9 together: boundary points -> all control points, by either method, under rows, with a certificate."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from scipy.sparse import csc_array
+
+from .certificate import Certificate, certify
+from .clock import Clock
+from .constrained import ActiveRows, best_under_rows, optimize_under_rows, rows_summary
+from .continuity import ContinuityRows, c1_rows
+from .g1 import g1_rows
+from .gluing import control_rows
+from .multipatch import MultiPatch
+from .null_space import RowSpace, row_space
+from .optimize import Progress, SplineOptimizer, degenerate_corners, optimize_with_ladder
+from .paper_method import PaperHistory, paper_map
+from .splines import FloatArray, Patch
+from .topology import Spoke
+
+__all__ = ["CONTINUITY", "InteriorMap", "InteriorSolver"]
+
+CONTINUITY = ("c0", "c1", "g1")
+
+
+@dataclass(frozen=True, eq=False)
+class InteriorMap:
+    """Control points for a boundary, and how they were found.
+
+    Attributes
+    ----------
+    points : (n_points, 2) array
+        Shared control points.
+    certificate : Certificate
+    log : list of str
+        What each rung of the method did.
+    notes : list of str
+        Warnings: where a stage had to deviate.
+    rows : ActiveRows, optional
+        The continuity rows that hold.
+    history : PaperHistory, optional
+        Of ``method="paper"``.
+    """
+
+    points: FloatArray
+    certificate: Certificate
+    log: list[str]
+    notes: list[str]
+    rows: ActiveRows | None = None
+    history: PaperHistory | None = None
+
+
+class InteriorSolver:
+    """What depends on the source only: rows, optimizers and their symbolic factorizations.
+
+    Parameters
+    ----------
+    source : MultiPatch
+    continuity : {"c0", "c1", "g1"}
+    reference : sequence of Patch, optional
+        Maps that distortion is measured against; default the source's own patches.
+    """
+
+    def __init__(self, source: MultiPatch, continuity: str, reference: Sequence[Patch] | None = None) -> None:
+        self.source, self.continuity, self.reference = source, continuity, reference
+        self._control = () if continuity == "c0" else control_rows(source.topology)
+        self._degenerate = degenerate_corners(source.patches if reference is None else reference)
+        self._thread = threading.local()
+
+    def __getstate__(self) -> dict[str, object]:
+        # Optimizers stay behind: they are rebuilt where the solver arrives.
+        return {name: value for name, value in self.__dict__.items() if name != "_thread"}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state, _thread=threading.local())
+
+    def certified(
+        self, start: FloatArray, degenerate: Sequence[tuple[int, int]], progress: Progress | None, clock: Clock
+    ) -> InteriorMap:
+        """Spline harmonic map, then distortion optimisation until the certificate accepts the map; then rows."""
+        topology = self.source.topology
+        make, check = partial(self.optimizer, degenerate), partial(self.certify, clock=clock)
+        with clock("optimisation"):
+            found, certificate, log = optimize_with_ladder(
+                make,
+                start,
+                check,
+                source=topology.coordinates,
+                boundary=topology.boundary_points,
+                progress=progress,
+            )
+        points, rows = found.points, None
+        for level in self._levels if certificate.injective else ():
+            with clock("continuity rows"):
+                choices = [
+                    partial(self._rows, choice, points) for choice in (level, "g1 linear")[: 1 + (level == "g1")]
+                ]
+                points, certificate, under, rows = best_under_rows(
+                    topology, choices, make, points, check, progress, release=level == "c1"
+                )
+            log += under
+        return InteriorMap(points, certificate, log, [], rows)
+
+    def paper(self, start: FloatArray, clock: Clock) -> InteriorMap:
+        """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
+        topology = self.source.topology
+        mapped = paper_map(topology, start, stage=clock)
+
+        def solve(space: RowSpace, near: FloatArray) -> tuple[FloatArray, Certificate, list[str]]:
+            nonlocal mapped
+            mapped = paper_map(topology, space.project(near), space.basis, stage=clock)
+            return mapped.points, self.certify(mapped.points, clock), mapped.log
+
+        points, log, rows = mapped.points, list(mapped.log), None
+        certificate = self.certify(points, clock)
+        for level in self._levels:
+            with clock("continuity rows"):
+                if certificate.injective:
+                    check = partial(self.certify, clock=clock)
+                    points, certificate, under, rows = optimize_under_rows(
+                        topology, partial(self._rows, level, points), solve, points, check, release=level == "c1"
+                    )
+                else:
+                    # A folded map has no frames to follow: take the source's.
+                    space = row_space(self._rows(level, topology.coordinates), topology.interior_points, start)
+                    points, certificate, under = solve(space, start)
+                    under = [f"under {len(space.rows)} rows with the source's frames, {entry}" for entry in under]
+                    rows = rows_summary(topology, space, points)
+            log += under
+        return InteriorMap(points, certificate, log, mapped.notes, rows, mapped.history)
+
+    def harmonic(self, start: FloatArray, clock: Clock, reason: str) -> InteriorMap:
+        """The harmonic map on a boundary that rules out an injective one: an illustration of the reason."""
+        points = self.optimizer(()).harmonic(start)
+        return InteriorMap(points, self.certify(points, clock), [reason], [])
+
+    def certify(self, points: FloatArray, clock: Clock) -> Certificate:
+        """Proof of injectivity for shared control points."""
+        with clock("certificate"):
+            return certify(self.model(points))
+
+    def model(self, points: FloatArray) -> MultiPatch:
+        """The source with other control points; the last one is kept."""
+        last = self._thread.__dict__.get("model")
+        if last is None or last[0] is not points:
+            last = self._thread.model = points, self.source.with_shared_points(points)
+        return last[1]
+
+    def optimizer(
+        self,
+        degenerate: Sequence[tuple[int, int]],
+        nodes_per_degree: int = 2,
+        extra_nodes: Sequence[tuple[int, float, float]] = (),
+        null_space: csc_array | None = None,
+    ) -> SplineOptimizer:
+        """Optimizer on the source; symbolic work is kept, one optimizer a thread because it owns its buffers."""
+        excluded = sorted(set(degenerate) | set(self._degenerate))
+        cache: dict[object, SplineOptimizer] = self._thread.__dict__.setdefault("optimizers", {})
+        key = (nodes_per_degree, tuple(excluded))
+        single_use = bool(extra_nodes) or null_space is not None
+        if single_use or key not in cache:
+            optimizer = SplineOptimizer(
+                self.source.topology,
+                self.reference,
+                nodes_per_degree=nodes_per_degree,
+                extra_nodes=extra_nodes,
+                excluded_corners=excluded,
+                null_space=null_space,
+            )
+            if single_use:
+                return optimizer
+            cache[key] = optimizer
+        return cache[key]
+
+    @property
+    def _levels(self) -> tuple[str, ...]:
+        """Exact G1 follows the frames of a map with C1 rows."""
+        return CONTINUITY[1 : CONTINUITY.index(self.continuity) + 1]
+
+    def _rows(
+        self,
+        level: str,
+        reference: FloatArray,
+        released: Collection[Spoke] = (),
+        without: Collection[int] = (),
+    ) -> ContinuityRows:
+        """Continuity rows that follow the speeds and frames of a reference map."""
+        if level.startswith("g1"):
+            return g1_rows(self.source.topology, self._control, reference, without, linear=level == "g1 linear")
+        return c1_rows(self.source.topology, self._control, reference, released, without)

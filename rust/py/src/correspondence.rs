@@ -1,0 +1,122 @@
+//! Bindings of `patchtransfer_core::matching` and `patchtransfer_core::inner_distance`.
+
+use crate::convert::points2;
+use crate::threads;
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use patchtransfer_core::inner_distance;
+use patchtransfer_core::matching::Problem;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// Inner distances (n, n) between the vertices of polygonal loops with the domain on their left.
+#[pyfunction]
+fn inner_distances<'py>(
+    py: Python<'py>,
+    points: PyReadonlyArray2<'py, f64>,
+    sizes: Vec<usize>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let points = points2(&points)?;
+    let n = points.len();
+    if sizes.iter().sum::<usize>() != n {
+        return Err(PyValueError::new_err("the loops' sizes do not add up to the number of points"));
+    }
+    let flat = threads::run(py, || inner_distance::inner_distances(&points, &sizes))?;
+    Ok(Array2::from_shape_vec((n, n), flat).expect("sizes agree").into_pyarray(py))
+}
+
+/// Two closed sequences and the costs of matching them; see `patchtransfer_core::matching`.
+#[pyclass(frozen)]
+struct Matching {
+    source: Vec<f64>,
+    target: Vec<f64>,
+    cost: Vec<f64>,
+    point_cost: Vec<f64>,
+    source_skip: Vec<f64>,
+    target_skip: Vec<f64>,
+    stretch: f64,
+    band: f64,
+}
+
+impl Matching {
+    fn problem(&self) -> Problem<'_> {
+        Problem {
+            source: &self.source,
+            target: &self.target,
+            cost: &self.cost,
+            point_cost: &self.point_cost,
+            source_skip: &self.source_skip,
+            target_skip: &self.target_skip,
+            stretch: self.stretch,
+            band: self.band,
+        }
+    }
+
+    fn check(&self, starts: &[usize]) -> PyResult<()> {
+        match starts.iter().find(|&&start| start >= self.target.len() - 1) {
+            Some(start) => Err(PyValueError::new_err(format!("no target node {start} to start at"))),
+            None => Ok(()),
+        }
+    }
+}
+
+#[pymethods]
+impl Matching {
+    #[new]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        source: PyReadonlyArray1<'_, f64>,
+        target: PyReadonlyArray1<'_, f64>,
+        cost: PyReadonlyArray2<'_, f64>,
+        point_cost: PyReadonlyArray2<'_, f64>,
+        source_skip: PyReadonlyArray1<'_, f64>,
+        target_skip: PyReadonlyArray1<'_, f64>,
+        stretch: f64,
+        band: f64,
+    ) -> PyResult<Self> {
+        let (n, m) = (cost.shape()[0], cost.shape()[1]);
+        if n == 0 || m == 0 || source.len() != n + 1 || target.len() != m + 1 {
+            return Err(PyValueError::new_err("positions and costs do not fit"));
+        }
+        if point_cost.shape() != [n, m] || source_skip.len() != n || target_skip.len() != m {
+            return Err(PyValueError::new_err("costs differ in shape"));
+        }
+        Ok(Self {
+            source: source.as_array().to_vec(),
+            target: target.as_array().to_vec(),
+            cost: cost.as_array().iter().copied().collect(),
+            point_cost: point_cost.as_array().iter().copied().collect(),
+            source_skip: source_skip.as_array().to_vec(),
+            target_skip: target_skip.as_array().to_vec(),
+            stretch,
+            band,
+        })
+    }
+
+    /// Cost of the cheapest matching of source node 0 with every start.
+    fn scan<'py>(&self, py: Python<'py>, starts: Vec<usize>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.check(&starts)?;
+        Ok(threads::run(py, || self.problem().scan(&starts))?.into_pyarray(py))
+    }
+
+    /// Cost and node pairs (k, 2) of the cheapest matching from a start; None if all are forbidden.
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        start: usize,
+    ) -> PyResult<Option<(f64, Bound<'py, PyArray2<i64>>)>> {
+        self.check(&[start])?;
+        let found = threads::run(py, || self.problem().solve(start))?;
+        Ok(found.map(|(cost, path)| {
+            let flat: Vec<i64> = path.iter().flatten().map(|&k| k as i64).collect();
+            let pairs = Array2::from_shape_vec((path.len(), 2), flat).expect("sizes agree");
+            (cost, pairs.into_pyarray(py))
+        }))
+    }
+}
+
+/// Add this file's names to the module.
+pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_class::<Matching>()?;
+    m.add_function(wrap_pyfunction!(inner_distances, m)?)
+}
