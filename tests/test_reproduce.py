@@ -33,17 +33,20 @@ def test_table_is_what_transfer_gives(made):
     result = pt.transfer(source, target, landmarks)
     row = numbers(data["table1"], method="certified")
     assert row["status"] == result.certificate.status == "certified"
-    assert row["sj_min"] == result.quality.scaled_jacobian.min
-    assert row["kappa_max"] == result.quality.condition_number.max
-    assert row["boundary_error"] == result.boundary_error
-    assert numbers(data["table1"], method="source")["sj_mean"] == pt.quality(source).scaled_jacobian.mean
+    for value, wanted in (
+        (row["sj_min"], result.quality.scaled_jacobian.min),
+        (row["kappa_max"], result.quality.condition_number.max),
+        (row["boundary_error"], result.boundary_error),
+        (numbers(data["table1"], method="source")["sj_mean"], pt.quality(source).scaled_jacobian.mean),
+    ):
+        assert value == pytest.approx(wanted, rel=1e-5)
     assert numbers(data["table1"], method="paper")["sj_min"] != row["sj_min"]
 
 
 def test_every_row_of_ours_satisfies_the_inequality(made):
     for row in made[1]["table1"]:
         if row["method"] != "printed":
-            assert row["kappa_max"] >= 2 / row["sj_min"] * (1 - 1e-12)
+            assert row["kappa_max"] >= 2 / row["sj_min"] * (1 - 1e-5)
             assert row["remark"] is None
 
 

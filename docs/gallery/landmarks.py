@@ -36,8 +36,8 @@ assert on_joint.any()
 assert miss[on_joint].max() < 2e-3
 
 # %%
-# Without landmarks shape alone decides, and says how sure it is: 1 with landmarks, 0 where another correspondence fits as
-# well. The matched points are rows like those of a landmark file; where they err, correct them and hand them back.
+# Without landmarks shape alone decides, and says how sure it is: 1 with landmarks, 0 where another correspondence fits
+# as well. The matched points are rows like those of a landmark file; where they err, correct them and hand them back.
 
 alone = pt.transfer(source, target, fixed_correspondence=True)
 images = np.array([point for _, point in alone.registration.joints])

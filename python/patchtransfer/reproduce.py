@@ -39,6 +39,8 @@ METHODS = ("paper", "certified")
 MOVED = 5e-3
 #: Largest κ times smallest scaled Jacobian, over 2, from which a printed row is doubtful.
 DOUBTFUL = 5.0
+#: Significant digits of the written numbers.
+DIGITS = 6
 
 
 @dataclass(frozen=True)
@@ -256,7 +258,7 @@ def reproduce(
     Returns
     -------
     dict
-        The content of ``reproduction.json``.
+        The content of ``reproduction.json``, numbers to six digits.
 
     Raises
     ------
@@ -290,6 +292,7 @@ def reproduce(
         "figure12": [step.row() for step in steps],
         "figure12_articulated": list(steps[0].articulated) if steps else [],
     }
+    data = _rounded(data)
     say("pictures and tables")
     _draw(folder, cases, solved, steps)
     for name in ("table1", "figure10", "figure11", "figure12"):
@@ -298,6 +301,15 @@ def reproduce(
     write_atomic(folder / "reproduction.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
     write_atomic(folder / "reproduction.md", page(data))
     return data
+
+
+def _rounded(data: Any) -> Any:
+    """Numbers to `DIGITS`: what rounding differently would change is not written."""
+    if isinstance(data, dict):
+        return {key: _rounded(value) for key, value in data.items()}
+    if isinstance(data, list):
+        return [_rounded(value) for value in data]
+    return float(f"{data:.{DIGITS}g}") if isinstance(data, float) else data
 
 
 def _draw(folder: Path, cases: list[Case], solved: dict[str, PoissonResult], steps: list[Step]) -> None:
