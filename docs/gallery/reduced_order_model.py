@@ -1,4 +1,8 @@
-"""Fifty shapes, one space: a reduced-order model of the torsion problem on a family of plates.
+"""
+A reduced-order model of fifty shapes
+=====================================
+
+Fifty shapes, one space: the torsion problem on a family of plates.
 
 All targets of a plan share patches, knots and interfaces. So the solutions of an equation on them live in one spline
 space, pulled back to the patches, and can be compared number by number: their proper orthogonal decomposition (POD) has
@@ -14,9 +18,11 @@ import sys
 import time
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import patchtransfer as pt
 from patchtransfer import examples, iga
+from patchtransfer.plot_solution import solution
 
 SHAPES, UNSEEN, MODES = 50, 5, 10
 
@@ -53,8 +59,8 @@ def pod(snapshots: np.ndarray, modes: int) -> tuple[np.ndarray, np.ndarray]:
     return u[:, :modes], sigma
 
 
-def main(picture: str | None = None) -> float:
-    """Print errors on unseen plates, draw one of them, and return the largest error."""
+def study() -> tuple[float, Figure]:
+    """Print errors on unseen plates; return the largest error and the solution on one of them."""
     begin = time.perf_counter()
     rng = np.random.default_rng(7)
     source, _, _ = examples.load("two-hole-plate")
@@ -89,14 +95,19 @@ def main(picture: str | None = None) -> float:
         worst = max(worst, relative)
     assert worst < 2e-3, worst
 
-    if picture is not None:
-        from patchtransfer.plot import savefig
-        from patchtransfer.plot_solution import solution
+    return worst, solution(solver.solve(plates[0], torsion), ("stress function on an unseen plate", ""))
 
-        result = solver.solve(plates[0], torsion)
-        savefig(solution(result, ("stress function on an unseen plate", "")), picture)
+
+def main(picture: str | None = None) -> float:
+    """Run the study, keep its picture, and return the largest error."""
+    worst, figure = study()
+    if picture is not None:
+        pt.plot.savefig(figure, picture)
     return worst
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    if len(sys.argv) > 1:
+        main(sys.argv[1])
+    else:
+        error, figure = study()

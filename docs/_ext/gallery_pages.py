@@ -1,0 +1,31 @@
+"""The gallery: order of its scripts, and pictures from figures made without pyplot, as `patchtransfer.plot` does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.figure import Figure
+from sphinx_gallery.scrapers import figure_rst
+
+from patchtransfer.plot import savefig
+
+#: What comes first; other scripts follow by name.
+ORDER = ("samples", "landmarks", "own_outline", "continuity", "morph", "batch", "poisson", "reduced_order_model")
+
+
+def order(filename: str) -> tuple[int, str]:
+    """Sort key of a script."""
+    name = filename.removesuffix(".py")
+    return ORDER.index(name) if name in ORDER else len(ORDER), name
+
+
+def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
+    """Save figures among the script's variables that no earlier block has shown."""
+    paths = []
+    for value in list(block_vars["example_globals"].values()):
+        if isinstance(value, Figure) and not hasattr(value, "in_gallery"):
+            value.in_gallery = True
+            path = next(block_vars["image_path_iterator"])
+            savefig(value, path, dpi=110)
+            paths.append(path)
+    return figure_rst(paths, gallery_conf["src_dir"])
