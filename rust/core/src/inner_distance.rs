@@ -12,6 +12,12 @@ fn area(a: Point, b: Point, c: Point) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
+/// Whether a point on the line through `a` and `b` lies strictly between them.
+fn between(a: Point, b: Point, c: Point) -> bool {
+    let dot = |p: Point| (p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1]);
+    0.0 < dot(c) && dot(c) < dot(b)
+}
+
 /// Vertices of closed loops with the domain on their left, and the cyclic neighbours of each.
 struct Domain<'a> {
     points: &'a [Point],
@@ -39,11 +45,16 @@ impl Domain<'_> {
         let (a, b) = (self.points[i], self.points[j]);
         (0..self.points.len()).all(|k| {
             let l = self.after[k];
+            let (c, d) = (self.points[k], self.points[l]);
+            let side = area(a, b, c);
+            // A segment through a vertex is two, each of which is judged by itself: it may enter a hole there.
+            if side == 0.0 && k != i && k != j && between(a, b, c) {
+                return false;
+            }
             if k == i || k == j || l == i || l == j {
                 return true;
             }
-            let (c, d) = (self.points[k], self.points[l]);
-            area(a, b, c) * area(a, b, d) >= 0.0 || area(c, d, a) * area(c, d, b) >= 0.0
+            side * area(a, b, d) >= 0.0 || area(c, d, a) * area(c, d, b) >= 0.0
         })
     }
 }
