@@ -6,6 +6,7 @@ import csv
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from click.testing import CliRunner
 import patchtransfer as pt
 from patchtransfer import examples, reproduce
 from patchtransfer.errors import InputError
+from patchtransfer.proportions import condition_number_to_scale, strips
 
 
 @pytest.fixture(scope="module")
@@ -135,3 +137,33 @@ def test_runs_as_a_module():
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "--sample" in done.stdout
     assert not done.stderr
+
+
+def test_long_patches_are_told_from_distortion(made):
+    """κ of a rectangle of 4 : 1 is 4 + 1/4 on the unit square, and 2 on knots to scale."""
+    corners = [[0, 0], [4, 0], [4, 1], [0, 1], [4, 4], [0, 4]]
+    layout = pt.QuadLayout(corners, [[0, 1, 2, 3], [3, 2, 4, 5]])
+    mp = layout.multipatch(degree=2, spans=2)
+    assert [tuple(row) for row in (strips(mp)[:, 0], strips(mp)[:, 1])] == [(0, 0), (1, 2)]
+    assert pt.quality(mp).condition_number.mean == pytest.approx((4.25 + 25 / 12) / 2)
+    assert condition_number_to_scale(mp) == pytest.approx(2.0, abs=1e-12)
+    for row in made[1]["table1"]:
+        if row["method"] != "printed":
+            assert 2 <= row["kappa_mean_to_scale"] <= row["kappa_mean"] * (1 + 1e-3)
+
+
+def test_versioned_table_keeps_its_promises():
+    """Every sample certified, mean scaled Jacobian 0.9 at least, mean κ 2.7 at most or the page says why not."""
+    folder = Path(__file__).parents[1] / "docs" / "results"
+    data = json.loads((folder / "reproduction.json").read_text(encoding="utf-8"))
+    text = (folder / "reproduction.md").read_text(encoding="utf-8")
+    rows = [r for r in data["table1"] if r["method"] == "certified"]
+    assert {r["sample"] for r in rows} == set(examples.EXAMPLES)
+    assert data["commit"]
+    assert "dirty" not in data["commit"]
+    for row in rows:
+        assert row["status"] == "certified"
+        assert row["sj_mean"] >= 0.90
+        assert row["kappa_mean_to_scale"] <= 2.7
+        if row["kappa_mean"] > 2.7:
+            assert f"{row['sample']} (source " in text

@@ -27,7 +27,7 @@ __all__ = ["batch"]
     type=click.Choice(["never", "auto"]),
     default="never",
     show_default=True,
-    help="Allow one uniform refinement of the source.",
+    help="auto: insert knots into the source where it misses a target; refine it if no certified map is found.",
 )
 @click.option("--fit-tolerance", type=float, default=1e-3, show_default=True, metavar="X", help="Boundary error.")
 @click.option("--keep-uncertified", is_flag=True, help="Write the best maps even without a certificate.")

@@ -27,6 +27,7 @@ from .iga import PoissonResult, poisson
 from .io.atomic import write_atomic
 from .multipatch import Boundary, MultiPatch
 from .plot_continuity import slope_differences
+from .proportions import condition_number_to_scale
 from .quality import Quality, Statistics, finite_or_none, quality, sample
 from .reproduce_page import page
 from .result import TransferResult
@@ -170,10 +171,12 @@ def table1(cases: Sequence[Case]) -> list[dict[str, Any]]:
                 p = printed[after]
                 rows.append(_row(case, p.name, after, "printed", p, remark=p.remark))
             if not after:
-                rows.append(_row(case, case.name, False, "source", case.source_quality))
+                to_scale = condition_number_to_scale(case.source)
+                rows.append(_row(case, case.name, False, "source", case.source_quality, kappa_mean_to_scale=to_scale))
                 continue
             for method, result in case.results.items():
                 more = {
+                    "kappa_mean_to_scale": condition_number_to_scale(result.multipatch),
                     "status": result.certificate.status,
                     "boundary_error": result.boundary_error,
                     "seconds": round(case.seconds[method], 3),
@@ -191,7 +194,7 @@ def _row(case: Case, model: str, after: bool, method: str, numbers: Printed | Qu
     }
     for short, values in (("sj", numbers.scaled_jacobian), ("kappa", numbers.condition_number)):
         row |= {f"{short}_{name}": finite_or_none(getattr(values, name)) for name in ("min", "mean", "max")}
-    return row | dict.fromkeys(("remark", "status", "boundary_error", "seconds")) | more
+    return row | dict.fromkeys(("kappa_mean_to_scale", "remark", "status", "boundary_error", "seconds")) | more
 
 
 def slopes(cases: Sequence[Case]) -> list[dict[str, Any]]:
@@ -288,6 +291,7 @@ def reproduce(
         "commit": commit(),
         "table1": table1(cases),
         "figure10": slopes(cases),
+        "figure10_drawn": _bent(cases).name,
         "figure11": [_field_row(name, result) for name, result in solved.items()],
         "figure12": [step.row() for step in steps],
         "figure12_articulated": list(steps[0].articulated) if steps else [],
@@ -313,18 +317,24 @@ def _rounded(data: Any) -> Any:
 
 
 def _draw(folder: Path, cases: list[Case], solved: dict[str, PoissonResult], steps: list[Step]) -> None:
+    names = [c.name for c in cases]
     models = [(c.source, c.target, c.results["certified"].multipatch) for c in cases]
-    figures.save(figures.decompositions(models), folder / "figure8.png")
-    figures.save(figures.colour_maps([(a, b) for a, _, b in models]), folder / "figure9.png")
-    bent = next((c for c in cases if c.name == FIG10), cases[0])
+    figures.save(figures.decompositions(models, names), folder / "figure8.png")
+    figures.save(figures.colour_maps([(a, b) for a, _, b in models], names), folder / "figure9.png")
+    bent = _bent(cases)
     both = bent.without_rows.multipatch, bent.results["certified"].multipatch
     figures.save(plot.slope_difference(*both), folder / "figure10.png")
     if solved:
-        figures.save(figures.solutions(list(solved.values())), folder / "figure11.png")
+        figures.save(figures.solutions(list(solved.values()), list(solved)), folder / "figure11.png")
     if steps:
         shapes = [examples.load(FIG12)[0], *(step.result.multipatch for step in steps)]
         titles = ["source", *(f"step {s.step}" for s in steps)]
         figures.save(figures.steps(shapes, titles), folder / "figure12.png")
+
+
+def _bent(cases: Sequence[Case]) -> Case:
+    """The sample whose interfaces Fig. 10 draws."""
+    return next((c for c in cases if c.name == FIG10), cases[0])
 
 
 def _csv(rows: list[dict[str, Any]]) -> str:

@@ -49,16 +49,16 @@ def _sheet(
     return figure, figure.subplots(rows, columns, squeeze=False)
 
 
-def decompositions(models: Sequence[tuple[MultiPatch, Boundary, MultiPatch]]) -> Figure:
+def decompositions(models: Sequence[tuple[MultiPatch, Boundary, MultiPatch]], names: Sequence[str]) -> Figure:
     """Fig. 8: a row a sample, with source, target, result and the result's iso-parametric lines."""
     figure, axes = _sheet(len(models), 4)
-    for row, (source, target, result) in zip(axes, models, strict=True):
+    for row, name, (source, target, result) in zip(axes, names, models, strict=True):
         _draw_patches(row[0], source)
         _draw_boundary(row[1], target, width=1.0, dots=False)
         _draw_patches(row[2], result)
         _draw_iso_lines(row[3], result)
-        for ax, title in zip(row, ("source", "target", "result", "iso-parametric lines"), strict=True):
-            _finish(ax, title if row is axes[0] or ax in axes[0] else None)
+        for ax, title in zip(row, ("source", "target", "result", "iso-lines"), strict=True):
+            _finish(ax, f"{name}: {title}")
     return figure
 
 
@@ -85,10 +85,11 @@ def _draw_iso_lines(ax: Axes, mp: MultiPatch) -> None:
     _draw_lines(ax, _sides(mp), width=1.0)
 
 
-def colour_maps(pairs: Sequence[tuple[MultiPatch, MultiPatch]]) -> Figure:
+def colour_maps(pairs: Sequence[tuple[MultiPatch, MultiPatch]], names: Sequence[str]) -> Figure:
     """Fig. 9: source and result by scaled Jacobian, two samples a row."""
     figure, axes = _sheet(-(-len(pairs) // 2), 4, extra=1.0)
-    _coloured(figure, axes.ravel(), [mp for pair in pairs for mp in pair], ["source", "result"] * 2)
+    titles = [f"{name}: {shape}" for name in names for shape in ("source", "result")]
+    _coloured(figure, axes.ravel(), [mp for pair in pairs for mp in pair], titles)
     return figure
 
 
@@ -103,14 +104,14 @@ def _coloured(figure: Figure, axes: NDArray[np.object_], models: Sequence[MultiP
     for k, ax in enumerate(axes):
         if k < len(models):
             shown = _draw_multipatch(ax, models[k], iso_lines=2)
-        _finish(ax, titles[k] if k < min(len(titles), len(models)) else None)
+        _finish(ax, titles[k] if k < len(models) else None)
     _colorbar(figure, shown, axes.tolist())
 
 
-def solutions(results: Sequence[PoissonResult]) -> Figure:
+def solutions(results: Sequence[PoissonResult], names: Sequence[str]) -> Figure:
     """Fig. 11: the exact solution above, the absolute error below."""
     figure, axes = _sheet(2, len(results), extra=0.6 * len(results))
-    for column, result in enumerate(results):
+    for column, (name, result) in enumerate(zip(names, results, strict=True)):
         mp = result.multipatch
         grids = [_grid(mp, k) for k in range(len(mp))]
         points = [patch.grid(u, v) for patch, (u, v) in zip(mp.patches, grids, strict=True)]
@@ -125,13 +126,14 @@ def solutions(results: Sequence[PoissonResult]) -> Figure:
             mappable = _draw_field(ax, points, values, colors)
             _draw_lines(ax, _sides(mp), width=0.6)
             space = result.field.space
-            title = (
+            kind = (
                 f"degree {space.degree}, {space.shape[0]} × {space.shape[1]} points" if row == 0 else "absolute error"
             )
+            title = f"{name}: {kind}"
             # A field's edges would be the panel's, and cut the outline.
             ax.use_sticky_edges = False
             _finish(ax, title)
-            ax.title.set_fontsize(9)
+            ax.title.set_fontsize(8)
             bar = figure.colorbar(mappable, ax=ax, shrink=0.8, aspect=24, pad=0.02)
             bar.ax.ticklabel_format(scilimits=(-3, 4))
             bar.outline.set_visible(False)
