@@ -6,6 +6,8 @@ the unit square, however good its parameterization. Knots as long as the patches
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
@@ -61,7 +63,7 @@ def condition_number_to_scale(mp: MultiPatch) -> float:
 
 def _derivatives(patch: Patch) -> tuple[FloatArray, FloatArray]:
     breaks = [np.unique(knots) for knots in patch.knots]
-    u, v = (np.concatenate([np.linspace(a, b, SAMPLES) for a, b in zip(t, t[1:], strict=False)]) for t in breaks)
+    u, v = (np.concatenate([np.linspace(a, b, SAMPLES) for a, b in pairwise(t)]) for t in breaks)
     at = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1)
     spline = patch.to_scipy()
     return np.asarray(spline(at, nu=(1, 0))), np.asarray(spline(at, nu=(0, 1)))
