@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -149,8 +149,9 @@ class ContinuityReport:
     c1_residual_all: float
     kink_deg: Kink
     as_g1_residual: float
-    interfaces: tuple[InterfaceContinuity, ...]
-    vertices: tuple[VertexContinuity, ...]
+    # A line an interface would bury the summary.
+    interfaces: tuple[InterfaceContinuity, ...] = field(repr=False)
+    vertices: tuple[VertexContinuity, ...] = field(repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
