@@ -269,3 +269,25 @@ def test_bad_animations(files):
         animation.animate([model], files / "m.avi")
     with pytest.raises(InputError, match="at least one frame"):
         animation.animate([], files / "m.gif")
+
+
+def test_interrupted_while_writing_says_so(tmp_path, monkeypatch):
+    """Frames that are written stay whole, the report does not claim the folder, and the message says so."""
+    mp, _, _ = examples.load("star")
+    pt.write(mp, tmp_path / "a.xml")
+    write, done = pt.io.write, []
+
+    def interrupted(model, path):
+        if len(done) == 3:
+            raise KeyboardInterrupt
+        done.append(path)
+        write(model, path)
+
+    monkeypatch.setattr(pt.io, "write", interrupted)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "report.json").write_text("{}")
+    found = CliRunner().invoke(main, ["morph", *[str(tmp_path / "a.xml")] * 2, "-n", "3", "-o", str(out)])
+    assert found.exit_code == 130
+    assert "holds a part of the files" in found.output
+    assert sorted(p.name for p in out.iterdir()) == ["frame-000.vtu", "frame-000.xml", "frame-001.xml"]

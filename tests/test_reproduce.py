@@ -167,3 +167,5 @@ def test_versioned_table_keeps_its_promises():
         assert row["kappa_mean_to_scale"] <= 2.7
         if row["kappa_mean"] > 2.7:
             assert f"{row['sample']} (source " in text
+    highest = max(r["kappa_mean_to_scale"] for r in data["table1"] if r["method"] != "printed")
+    assert f"at most {highest:.2f}." in text

@@ -10,7 +10,17 @@ from sphinx_gallery.scrapers import figure_rst
 from patchtransfer.plot import savefig
 
 #: What comes first; other scripts follow by name.
-ORDER = ("samples", "landmarks", "own_outline", "continuity", "morph", "batch", "poisson", "reduced_order_model")
+ORDER = (
+    "samples",
+    "landmarks",
+    "own_outline",
+    "continuity",
+    "morph",
+    "deform",
+    "batch",
+    "poisson",
+    "reduced_order_model",
+)
 
 
 def order(filename: str) -> tuple[int, str]:

@@ -35,7 +35,7 @@ def morph(
     """
     from . import io
     from .animation import animate, check_animation
-    from .cli import NOT_CERTIFIED, _failures, _Report
+    from .cli import NOT_CERTIFIED, _failures, _print_error, _Report
     from .errors import InputError
     from .io.atomic import write_atomic
     from .io.vtu import format_series
@@ -53,22 +53,29 @@ def morph(
             raise InputError(f"{output}: the folder cannot be made ({error.strerror}); choose another one") from None
         digits = max(3, len(str(frames - 1)))
         names = [f"frame-{i:0{digits}}" for i in range(frames)]
-        for name, model in zip(names, result, strict=True):
-            io.write(model, folder / f"{name}.xml")
-            io.write(model, folder / f"{name}.vtu")
-        write_atomic(
-            folder / "morph.pvd", format_series([f"{n}.vtu" for n in names], [frame.t for frame in result.frames])
-        )
-        _Report(str(folder / "report.json")).write(
-            {
-                "certified": result.certified,
-                "frames": [
-                    {"file": f"{name}.xml", **frame.to_dict()} for name, frame in zip(names, result.frames, strict=True)
-                ],
-            }
-        )
-        for path in animations:
-            animate(list(result), path, fps=fps)
+        try:
+            # Written last: a folder with a report is complete.
+            (folder / "report.json").unlink(missing_ok=True)
+            for name, model in zip(names, result, strict=True):
+                io.write(model, folder / f"{name}.xml")
+                io.write(model, folder / f"{name}.vtu")
+            write_atomic(
+                folder / "morph.pvd", format_series([f"{n}.vtu" for n in names], [frame.t for frame in result.frames])
+            )
+            for path in animations:
+                animate(list(result), path, fps=fps)
+            _Report(str(folder / "report.json")).write(
+                {
+                    "certified": result.certified,
+                    "frames": [
+                        {"file": f"{name}.xml", **frame.to_dict()}
+                        for name, frame in zip(names, result.frames, strict=True)
+                    ],
+                }
+            )
+        except KeyboardInterrupt:
+            _print_error(f"interrupted; {output} holds a part of the files and no report.json; run the command again")
+            sys.exit(130)
     good = sum(frame.certificate.injective for frame in result.frames)
     ways = sorted({frame.way for frame in result.frames[1:-1]})
     click.echo(f"{good} of {frames} frames certified ({', '.join(ways) or 'ends only'}); written to {output}")

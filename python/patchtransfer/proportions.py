@@ -1,7 +1,7 @@
-"""What the proportions of patches contribute to the condition number.
+r"""What the proportions of patches contribute to the condition number.
 
-With r = \\|B_u\\| / \\|B_v\\| the condition number of Eq. 20 is (r + 1/r) / scaled Jacobian: a rectangle of 4 : 1 has 4.25 on
-the unit square, however good its parameterization. Knots as long as the patches are take that part away.
+With r = \|B_u\| / \|B_v\| the condition number of Eq. 20 is (r + 1/r) / scaled Jacobian: a rectangle of 4 : 1 has
+4.25 on the unit square, however good its parameterization. Knots as long as the patches are take that part away.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SAMPLES = 10
 
 
 def strips(mp: MultiPatch) -> NDArray[np.int64]:
-    """Number (m, 2) of the strip that crosses every patch in u and in v: directions that interfaces tie to each other."""
+    """Number (m, 2) of the strip of every patch in u and in v: directions that interfaces tie to each other."""
 
     def along(patch: int, side: int) -> int:
         # Sides 1 and 2 run in v, 3 and 4 in u.
