@@ -224,7 +224,7 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
     multipatch, notes = _weld(multipatch)
     topology = multipatch.topology
     proofs = _core.certify_patches(
-        [(*p.knots, *p.degrees, p.control_points, p.weights) for p in multipatch.patches],
+        [patch.to_core() for patch in multipatch.patches],
         [float(s) for s in topology.orientation],
         max_depth,
     )

@@ -431,6 +431,10 @@ class Patch:
             return Patch(all_knots, all_degrees, c)
         return Patch(all_knots, all_degrees, c[..., :2] / c[..., 2:], c[..., 2])
 
+    def to_core(self) -> _core.PatchTuple:
+        """As the compiled core takes it."""
+        return (*self.knots, *self.degrees, self.control_points, self.weights)
+
     def to_scipy(self) -> NdBSpline:
         """`scipy.interpolate.NdBSpline` of a polynomial patch."""
         if self.weights is not None:
