@@ -100,8 +100,7 @@ class BoundaryShape:
 
 def corners(outline: Outline) -> tuple[FloatArray, FloatArray]:
     """Arc lengths and signed turning angles (radians) of the corners."""
-    breaks = outline.piece_breaks
-    turn = outline.turn(breaks)
+    breaks, turn = outline.piece_breaks, outline.piece_turns
     sharp = abs(turn) > CORNER
     return breaks[sharp], turn[sharp]
 

@@ -21,14 +21,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from . import _core
 from .errors import InputError
-from .multipatch import Interface, MultiPatch
-from .splines import BSplineCurve, FloatArray
+from .multipatch import MultiPatch
+from .splines import BSplineCurve
 
 __all__ = ["BoundaryReport", "Cell", "Certificate", "Meeting", "certify", "check_boundary"]
 
@@ -224,7 +225,7 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
     multipatch, notes = _weld(multipatch)
     topology = multipatch.topology
     proofs = _core.certify_patches(
-        [(*p.knots, *p.degrees, p.control_points, p.weights) for p in multipatch.patches],
+        [patch.to_core() for patch in multipatch.patches],
         [float(s) for s in topology.orientation],
         max_depth,
     )
@@ -271,8 +272,7 @@ def _weld(multipatch: MultiPatch) -> tuple[MultiPatch, list[str]]:
         return multipatch, []
     topology, notes = multipatch.topology, []
     largest = float(np.abs(topology.coordinates).max())
-    for f in multipatch.interfaces:
-        gap = max((size for what, size in _gaps(multipatch, f) if what == "control points"), default=0.0)
+    for f, gap in zip(multipatch.interfaces, _point_gaps(multipatch), strict=True):
         if gap > WELD_ULPS * np.finfo(float).eps * largest:
             return multipatch, []
         if gap > 0.0:
@@ -311,14 +311,14 @@ def _gluing(multipatch: MultiPatch, positive: Sequence[bool]) -> list[tuple[str,
     """Collect what speaks against the interfaces; `positive` says where det J > 0 is proved."""
     topology, patches = multipatch.topology, multipatch.patches
     findings = []
-    for f in multipatch.interfaces:
+    for f, gaps in zip(multipatch.interfaces, _gaps(multipatch), strict=True):
         name = f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
         a = topology.directed_side(f.patch_a, f.side_a).reversed
         b = topology.directed_side(f.patch_b, f.side_b).reversed
         if (a != b) == f.reversed:
             kind = "folded" if positive[f.patch_a] and positive[f.patch_b] else "undecided"
             findings.append((kind, f"{name}: the patches lie on the same side of it, one folds back on the other"))
-        for what, gap in _gaps(multipatch, f):
+        for what, gap in gaps:
             findings.append(
                 (
                     "undecided",
@@ -331,30 +331,28 @@ def _gluing(multipatch: MultiPatch, positive: Sequence[bool]) -> list[tuple[str,
     return findings
 
 
-def _gaps(multipatch: MultiPatch, f: Interface) -> Iterable[tuple[str, float]]:
-    """Differences between an interface's two sides, where there are any."""
-    a, b = multipatch.patches[f.patch_a], multipatch.patches[f.patch_b]
+def _point_gaps(multipatch: MultiPatch) -> list[float]:
+    """Largest difference of the control points of an interface's two sides, interface by interface."""
+    if not multipatch.interfaces:
+        return []
+    a, b, starts = multipatch.topology.glued_entries
+    points = np.concatenate([patch.control_points.reshape(-1, 2) for patch in multipatch.patches])
+    gaps: list[float] = np.maximum.reduceat(np.abs(points[a] - points[b]).max(axis=1), starts).tolist()
+    return gaps
 
-    def gap(x: FloatArray, y: FloatArray) -> float:
-        along_a, along_b = f.side_a.of(x), f.side_b.of(y)
-        return float(np.abs(along_a - (along_b[::-1] if f.reversed else along_b)).max())
 
-    points = gap(a.control_points, b.control_points)
-    if points != 0.0:
-        yield "control points", points
-    if a.weights is not None and b.weights is not None:
-        weights = gap(a.weights, b.weights)
-        if weights != 0.0:
-            yield "weights", weights
-    # Extended precision, so that the comparison adds no rounding of its own.
-    knots_a, knots_b = (k.astype(np.longdouble) for k in (a.knots[f.side_a.axis], b.knots[f.side_b.axis]))
-    unit_a, unit_b = knots_a - knots_a[0], knots_b - knots_b[0]
-    if f.reversed:
-        unit_b = unit_b[-1] - unit_b[::-1]
-    difference = float(np.abs(unit_a / unit_a[-1] - unit_b / unit_b[-1]).max())
-    # The bounds on det J allow every knot this much, relative to the largest one: at least half the range.
-    if difference > KNOT_ULPS * np.finfo(float).eps / 2:
-        yield "knots", difference
+def _gaps(multipatch: MultiPatch) -> Iterable[list[tuple[str, float]]]:
+    """Differences between the two sides of every interface, where there are any."""
+    knots = multipatch.topology.knot_gaps
+    for f, points, knot_gap in zip(multipatch.interfaces, _point_gaps(multipatch), knots, strict=True):
+        gaps = [("control points", points)]
+        a, b = multipatch.patches[f.patch_a].weights, multipatch.patches[f.patch_b].weights
+        if a is not None and b is not None:
+            along_a, along_b = f.side_a.of(a), f.side_b.of(b)
+            gaps.append(("weights", float(np.abs(along_a - (along_b[::-1] if f.reversed else along_b)).max())))
+        # The bounds on det J allow every knot this much, relative to the largest one: at least half the range.
+        gaps.append(("knots", knot_gap if knot_gap > KNOT_ULPS * np.finfo(float).eps / 2 else 0.0))
+        yield [(what, gap) for what, gap in gaps if gap != 0.0]
 
 
 def check_boundary(loops: Iterable[Iterable[BSplineCurve]]) -> BoundaryReport:
@@ -370,8 +368,31 @@ def check_boundary(loops: Iterable[Iterable[BSplineCurve]]) -> BoundaryReport:
     -------
     BoundaryReport
     """
-    chains = [[(c.knots, c.degree, c.control_points, c.weights) for c in loop] for loop in loops]
-    meetings, orientation, around, _, _ = _core.certify_loops(chains)
+    return _check_boundary(_Loops([[(c.knots, c.degree, c.control_points, c.weights) for c in loop] for loop in loops]))
+
+
+class _Loops:
+    """Chains of curves, equal if they are bit by bit."""
+
+    def __init__(self, chains: list[list[_core.CurveTuple]]) -> None:
+        self.chains = chains
+        self._bits = tuple(
+            tuple((k.tobytes(), p, x.tobytes(), None if w is None else w.tobytes()) for k, p, x, w in chain)
+            for chain in chains
+        )
+        self._hash = hash(self._bits)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Loops) and self._bits == other._bits
+
+
+# A transfer asks about the same boundary again and again: of the fit, and in every certificate on it.
+@lru_cache(maxsize=8)
+def _check_boundary(loops: _Loops) -> BoundaryReport:
+    meetings, orientation, around, _, _ = _core.certify_loops(loops.chains)
     crossings = tuple(Meeting(kind, a, b, (*point,)) for kind, a, b, point in meetings)
     crossings = tuple(sorted(crossings, key=lambda m: m.kind != "crossing"))
     reasons = [str(meeting) for meeting in crossings]

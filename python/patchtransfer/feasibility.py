@@ -8,8 +8,10 @@ zero at 180°, and an upper bound of the result's minimum below.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -111,43 +113,63 @@ def corner_report(loops: Sequence[Sequence[BSplineCurve]], single_patch: Sequenc
     """
     corners = []
     for k, (curves, flags) in enumerate(zip(loops, single_patch, strict=True)):
-        for i, (curve, single) in enumerate(zip(curves, flags, strict=True)):
-            corners.append(_corner(k, i, curves[i - 1], curve, bool(single)))
+        ends = [_ends(curve) for curve in curves]
+        for i, single in enumerate(flags):
+            corners.append(_corner(k, i, ends[i - 1], ends[i], bool(single)))
     return corners
 
 
-def _corner(k: int, i: int, before: BSplineCurve, after: BSplineCurve, single: bool) -> Corner:
-    arriving, slow_a = _tangent(before.control_points[::-1])
-    leaving, slow_b = _tangent(after.control_points)
-    arriving = -arriving
-    lengths = np.array([np.hypot(*arriving), np.hypot(*leaving)])
-    point = (float(after.start[0]), float(after.start[1]))
-    if not lengths.all():
-        return Corner(k, i, point, float("nan"), single, "degenerate" if single else "free", 0.0 if single else 1.0)
-    (a, b), (c, d) = arriving / lengths[0], leaving / lengths[1]
-    sine, cosine = float(a * d - b * c), float(a * c + b * d)
+class _Ends(NamedTuple):
+    """What a joint needs to know of a curve."""
+
+    start: tuple[float, float]
+    leaving: _Leg
+    arriving: _Leg
+    largest: float
+
+
+class _Leg(NamedTuple):
+    """First control difference that does not vanish, from the end of a curve inwards, and whether any was skipped."""
+
+    x: float
+    y: float
+    skipped: bool
+
+
+def _ends(curve: BSplineCurve) -> _Ends:
+    points = curve.control_points.tolist()
+    x, y = points[0]
+    return _Ends((x, y), _leg(points), _leg(points[::-1]), float(np.abs(curve.control_points).max()))
+
+
+def _leg(points: Sequence[Sequence[float]]) -> _Leg:
+    x, y = points[0]
+    for k, (a, b) in enumerate(points[1:]):
+        if a != x or b != y:
+            return _Leg(a - x, b - y, k > 0)
+    return _Leg(0.0, 0.0, True)
+
+
+def _corner(k: int, i: int, before: _Ends, after: _Ends, single: bool) -> Corner:
+    arriving, leaving, point = before.arriving, after.leaving, after.start
+    first, second = math.hypot(arriving.x, arriving.y), math.hypot(leaving.x, leaving.y)
+    if first == 0.0 or second == 0.0:
+        return Corner(k, i, point, math.nan, single, "degenerate" if single else "free", 0.0 if single else 1.0)
+    # The leg at the end of the curve before points back along it.
+    a, b, c, d = -arriving.x / first, -arriving.y / first, leaving.x / second, leaving.y / second
+    sine, cosine = a * d - b * c, a * c + b * d
     # The boundary turns left by the exterior angle; what is left of 180° lies inside.
-    angle = 180.0 - np.degrees(np.arctan2(sine, cosine))
-    largest = max(np.abs(before.control_points).max(), np.abs(after.control_points).max())
+    angle = 180.0 - math.degrees(math.atan2(sine, cosine))
     unit = DATA_ULPS * np.finfo(float).eps / 2
-    rounding = unit * (1.0 + float(largest * (1.0 / lengths).sum()))
+    rounding = float(unit * (1.0 + max(before.largest, after.largest) * (1.0 / first + 1.0 / second)))
     kind, bound = "regular", sine
     if not single:
         kind, bound = "free", 1.0
     elif sine < -rounding:
         kind = "infeasible"
-    elif sine <= rounding or slow_a or slow_b:
+    elif sine <= rounding or arriving.skipped or leaving.skipped:
         kind, bound = "degenerate", 0.0
-    return Corner(k, i, point, float(angle), single, kind, bound)
-
-
-def _tangent(points: FloatArray) -> tuple[FloatArray, bool]:
-    """First control difference that does not vanish, and whether any was skipped."""
-    differences = points[1:] - points[0]
-    nonzero = np.flatnonzero(differences.any(axis=1))
-    if not len(nonzero):
-        return np.zeros(2), True
-    return differences[nonzero[0]], bool(nonzero[0] > 0)
+    return Corner(k, i, point, angle, single, kind, bound)
 
 
 def check_corners(

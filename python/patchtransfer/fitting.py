@@ -144,7 +144,7 @@ def _collect(
         fitted = []
         for i, curve in enumerate(loop.source.curves):
             n, error = len(curve.control_points), float(errors[side])
-            image = BSplineCurve(curve.knots, curve.degree, points[at : at + n])
+            image = curve.with_control_points(points[at : at + n])
             fitted.append(FittedSide(image, error, bool(smooth[k][i] and not uniform)))
             at, side = at + n, side + 1
             if error > tolerance:
@@ -199,9 +199,13 @@ def _add_sides(sides: _Sides, bases: _Bases, loop: LoopRegistration, uniform: bo
     near = 1e-9 * target.length
     leaving, arriving = target.tangent(joints[:-1] + near), target.tangent(joints[1:] - near, True)
     scale = np.diff(joints) / np.diff(source.joints)
-    for i, curve in enumerate(source.curves):
-        basis, t = bases.of(curve)
-        lengths = np.linspace(joints[i], joints[i + 1], len(t)) if uniform else loop.to_target(source.arc_length(i, t))
+    known = [bases.of(curve) for curve in source.curves]
+    images: list[FloatArray] = []
+    if not uniform:
+        on_source = [source.arc_length(i, t) for i, (_, t) in enumerate(known)]
+        images = np.split(loop.to_target(np.concatenate(on_source)), np.cumsum([len(s) for s in on_source[:-1]]))
+    for i, (curve, (basis, t)) in enumerate(zip(source.curves, known, strict=True)):
+        lengths = np.linspace(joints[i], joints[i + 1], len(t)) if uniform else images[i]
         ends = points[[i, (i + 1) % len(points)]]
         c = curve.control_points
         legs = scale[i] * np.linalg.norm(c[[1, -2]] - c[[0, -1]], axis=1)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .splines import BSplineCurve, FloatArray, Patch
+from .splines import BSplineCurve, FloatArray, Patch, frozen_array
 
 if TYPE_CHECKING:
     from .topology import BoundarySide, Topology, Vertex
@@ -167,15 +167,24 @@ class MultiPatch:
 
         patches = tuple(p.with_control_points(c) for p, c in zip(self.patches, control_points, strict=True))
         check_interfaces(patches, self.interfaces)
+        return self._with_patches(patches)
+
+    def with_shared_points(self, points: FloatArray) -> MultiPatch:
+        """The same with the shared control points (n_points, 2) of `topology`: both sides of interfaces bit-equal."""
+        indices = self.topology.points
+        moved = self._with_patches(
+            tuple(patch.with_control_points(points[i]) for patch, i in zip(self.patches, indices, strict=True))
+        )
+        moved.topology.__dict__["coordinates"] = frozen_array(points, "shared control points")
+        return moved
+
+    def _with_patches(self, patches: tuple[Patch, ...]) -> MultiPatch:
+        """The same with patches that are known to fit the interfaces."""
         moved = object.__new__(MultiPatch)
         for name, value in (("patches", patches), ("interfaces", self.interfaces), ("ids", self.ids)):
             object.__setattr__(moved, name, value)
         moved.__dict__["topology"] = self.topology.moved(patches)
         return moved
-
-    def with_shared_points(self, points: FloatArray) -> MultiPatch:
-        """The same with the shared control points (n_points, 2) of `topology`: both sides of interfaces bit-equal."""
-        return self.with_control_points([points[index] for index in self.topology.points])
 
     def elevate(self, by: int = 1) -> MultiPatch:
         """The same geometry with all degrees raised; inner knots stay as smooth as they are."""

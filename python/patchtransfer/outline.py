@@ -61,11 +61,8 @@ class Outline:
 
     def turn(self, s: FloatArray | float) -> FloatArray:
         """Signed turning angle of the tangent at `s` in radians, non-zero at corners only."""
-        # A position computed by arithmetic may miss the corner by rounding.
-        near = 1e-9 * self.length
-        before, after = self.tangent(np.asarray(s) - near, from_left=True), self.tangent(np.asarray(s) + near)
-        cross = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
-        return np.asarray(np.arctan2(cross, (before * after).sum(axis=-1)))
+        flat = np.ascontiguousarray(s, dtype=np.float64).ravel()
+        return self.core.turn(flat).reshape(np.shape(s))
 
     def arc_length(self, curve: int, t: FloatArray) -> FloatArray:
         """Arc length at the parameters `t` (n,) of one of the curves (linear interpolation in the table)."""
@@ -75,6 +72,11 @@ class Outline:
     def piece_breaks(self) -> FloatArray:
         """Arc lengths of all Bézier piece ends, where corners can be; without the closing one."""
         return self.core.piece_starts
+
+    @cached_property
+    def piece_turns(self) -> FloatArray:
+        """Turning angles at `piece_breaks`."""
+        return self.turn(self.piece_breaks)
 
     @cached_property
     def samples(self) -> tuple[FloatArray, FloatArray]:
@@ -105,9 +107,4 @@ def hausdorff(a: Outline, b: Outline) -> float:
     From points of either loop projected onto the other one: 4 to 16 a Bézier piece, every n-th of them where that
     would be more than 2048.
     """
-
-    def some(outline: Outline) -> FloatArray:
-        points = outline.samples[1]
-        return np.asarray(points[:: -(-len(points) // 2048)])
-
-    return float(max(b.nearest(some(a))[1].max(), a.nearest(some(b))[1].max()))
+    return a.core.hausdorff(b.core)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 
+from . import _core
 from .errors import InputError
 from .multipatch import MultiPatch
 from .splines import FloatArray
@@ -103,41 +104,26 @@ def quality(mp: MultiPatch, samples: int = 10, exclude: Iterable[tuple[int, int]
     least 2 / |scaled Jacobian|. Both depend on the scaling of u against v, as in the paper.
     """
     excluded = _check_corners(mp, exclude)
+    _check_samples(samples)
     if excluded and samples < 3:
         raise InputError(f"samples = {samples}: leaving out corners needs at least 3 per knot span")
-    jacobian = []
-    condition = []
-    worst = (math.inf, 0, 0.0, 0.0)
-    for members, (u, v), (first, second), _ in _groups(mp, samples):
-        scaled, kappa = _measures(first, second, mp.topology.orientation[members])
-        for position, patch in enumerate(members):
-            for corner in excluded.get(patch, ()):
-                at = (position, -1 if corner & 1 else 0, -1 if corner & 2 else 0)
-                scaled[at] = kappa[at] = np.nan
-        if excluded:
-            keep = ~np.isnan(scaled)
-            jacobian.append(scaled[keep])
-            condition.append(kappa[keep])
-        else:
-            jacobian.append(scaled.ravel())
-            condition.append(kappa.ravel())
-        k, i, j = np.unravel_index(np.nanargmin(scaled), scaled.shape)
-        worst = min(worst, (float(scaled[k, i, j]), members[k], float(u[i]), float(v[j])))
-    s, c = np.concatenate(jacobian), np.concatenate(condition)
-    positive = s > 0
-    count = int(positive.sum())
-    return Quality(
-        _statistics(s, s),
-        _statistics(c, c if count == len(c) else c[positive]),
-        len(c) - count,
-        len(c),
-        worst[1:],
+    found = _core.measure_quality(
+        [patch.to_core() for patch in mp.patches],
+        [float(sign) for sign in mp.topology.orientation],
+        samples,
+        [excluded.get(k, []) for k in range(len(mp.patches))],
     )
+    jacobian, condition, counts, worst = zip(*found, strict=True)
+    n, positive = (sum(column) for column in zip(*counts, strict=True))
+    k = min(range(len(found)), key=lambda k: jacobian[k][0])
+    return Quality(_statistics(jacobian, n), _statistics(condition, positive), n - positive, n, (k, *worst[k]))
 
 
-def _statistics(values: FloatArray, averaged: FloatArray) -> Statistics:
-    low, high = float(values.min()), float(values.max())
-    mean = float(averaged.mean()) if len(averaged) else math.inf
+def _statistics(ranges: Iterable[tuple[float, float, float]], count: int) -> Statistics:
+    """Of ranges (min, max, sum); the mean is over `count` samples, infinite if there are none."""
+    lows, highs, sums = zip(*ranges, strict=True)
+    low, high = min(lows), max(highs)
+    mean = math.fsum(sums) / count if count else math.inf
     # The mean of equal numbers may round out of their range.
     return Statistics(low, min(max(mean, low), high), high)
 
@@ -150,12 +136,11 @@ def sample(mp: MultiPatch, samples: int = 10) -> list[tuple[FloatArray, FloatArr
     list of (points, scaled_jacobian)
         One pair a patch, (m_u, m_v, 2) and (m_u, m_v), with m = spans · samples.
     """
-    out: list[tuple[FloatArray, FloatArray]] = [(np.empty(0), np.empty(0))] * len(mp.patches)
-    for members, _, (first, second), points in _groups(mp, samples):
-        scaled, _ = _measures(first, second, mp.topology.orientation[members])
-        for position, patch in enumerate(members):
-            out[patch] = np.ascontiguousarray(np.moveaxis(points[:, position], 0, 2)), scaled[position]
-    return out
+    _check_samples(samples)
+    return [
+        _core.sample_patch(patch.to_core(), float(sign), samples)
+        for patch, sign in zip(mp.patches, mp.topology.orientation, strict=True)
+    ]
 
 
 def span_basis(knots: ArrayLike, degree: int, samples: int) -> tuple[FloatArray, tuple[FloatArray, ...]]:
@@ -176,8 +161,7 @@ def span_basis(knots: ArrayLike, degree: int, samples: int) -> tuple[FloatArray,
     basis : tuple of three (m, n) arrays
         Values, first and second derivatives. All arrays are read-only and shared between calls.
     """
-    if samples < 2:
-        raise InputError(f"samples = {samples}: at least 2 per knot span are needed, its two ends")
+    _check_samples(samples)
     return _span_basis(np.ascontiguousarray(knots, dtype=np.float64).tobytes(), degree, samples)
 
 
@@ -204,52 +188,9 @@ def finite_or_none(x: float) -> float | None:
     return x if math.isfinite(x) else None
 
 
-def _groups(mp: MultiPatch, samples: int) -> Iterable[Any]:
-    """Evaluate patches of equal degrees and knots at once.
-
-    Yields (members, (u, v), (B_u, B_v), B): patch indices, parameters, and arrays (2, k, m_u, m_v).
-    """
-    groups: dict[Any, list[int]] = defaultdict(list)
-    for k, patch in enumerate(mp.patches):
-        knots_u, knots_v = patch.knots
-        groups[knots_u.tobytes(), knots_v.tobytes(), patch.degrees, patch.weights is None].append(k)
-    for members in groups.values():
-        patches = [mp.patches[k] for k in members]
-        model = patches[0]
-        (u, (value_u, slope_u, _)), (v, (value_v, slope_v, _)) = (
-            span_basis(t, p, samples) for t, p in zip(model.knots, model.degrees, strict=True)
-        )
-        c = np.array([p.control_points for p in patches])
-        if model.weights is not None:
-            w = np.array([p.weights for p in patches])[..., None]
-            c = np.concatenate([c * w, w], axis=3)
-        c = np.ascontiguousarray(c.transpose(1, 3, 0, 2))
-        shape = (len(u), c.shape[1], len(members), len(v))
-        valued, sloped = (along @ c.reshape(c.shape[0], -1) for along in (value_u, slope_u))
-
-        def across(rows: FloatArray, basis: FloatArray, shape: tuple[int, ...] = shape) -> FloatArray:
-            # One product for all patches and coordinates, then component first.
-            return (rows.reshape(-1, basis.shape[1]) @ basis.T).reshape(shape).transpose(1, 2, 0, 3)
-
-        point, first, second = across(valued, value_v), across(sloped, value_v), across(valued, slope_v)
-        if model.weights is not None:
-            point, weight = point[:2] / point[2], point[2]
-            first, second = ((d[:2] - d[2] * point) / weight for d in (first, second))
-        yield members, (u, v), (first, second), point
-
-
-def _measures(first: FloatArray, second: FloatArray, sign: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Scaled Jacobian and condition number of B_u, B_v (2, k, ...) with orientation signs (k,)."""
-    length_u, length_v = np.hypot(*first), np.hypot(*second)
-    # Ratios of lengths instead of products: nothing over- or underflows, whatever the units.
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        (a, b), (c, d) = first / length_u, second / length_v
-        scaled = (a * d - b * c) * sign[:, None, None]
-        np.nan_to_num(scaled, copy=False, nan=0.0)
-        np.clip(scaled, -1.0, 1.0, out=scaled)
-        ratio = length_u / length_v
-        kappa = np.where(scaled > 0, (ratio + 1 / ratio) / scaled, np.inf)
-    return scaled, kappa
+def _check_samples(samples: int) -> None:
+    if samples < 2:
+        raise InputError(f"samples = {samples}: at least 2 per knot span are needed, its two ends")
 
 
 def _check_corners(mp: MultiPatch, exclude: Iterable[tuple[int, int]]) -> dict[int, list[int]]:

@@ -186,6 +186,22 @@ class BSplineCurve:
         check_knots(self.knots, self.degree, len(self.control_points), "curve")
         set_(self, "weights", check_weights(weights, self.control_points.shape[:1], "curve"))
 
+    @classmethod
+    def _trusted(
+        cls, knots: FloatArray, degree: int, control_points: FloatArray, weights: FloatArray | None
+    ) -> BSplineCurve:
+        """A curve from read-only parts of a valid curve or patch, without checking them again."""
+        curve = object.__new__(cls)
+        curve.__dict__.update(knots=knots, degree=degree, control_points=control_points, weights=weights)
+        return curve
+
+    def with_control_points(self, control_points: ArrayLike) -> BSplineCurve:
+        """The curve with the same degree, knots and weights and other control points."""
+        points = frozen_array(control_points, "curve control points")
+        if points.shape != self.control_points.shape:
+            raise InputError(f"curve control points must have shape {self.control_points.shape}, got {points.shape}")
+        return self._trusted(self.knots, self.degree, points, self.weights)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, BSplineCurve) and _same(self, other, ("knots", "control_points", "weights"))
 
@@ -232,7 +248,9 @@ class BSplineCurve:
     def reversed(self) -> BSplineCurve:
         """The same curve traversed backwards on the same domain."""
         weights = None if self.weights is None else self.weights[::-1]
-        return BSplineCurve(reverse_knots(self.knots), self.degree, self.control_points[::-1], weights)
+        knots = reverse_knots(self.knots)
+        knots.flags.writeable = False
+        return self._trusted(knots, self.degree, self.control_points[::-1], weights)
 
     def insert_knots(self, new: ArrayLike) -> BSplineCurve:
         """The same curve with the knots `new` added."""
@@ -430,6 +448,10 @@ class Patch:
         if self.weights is None:
             return Patch(all_knots, all_degrees, c)
         return Patch(all_knots, all_degrees, c[..., :2] / c[..., 2:], c[..., 2])
+
+    def to_core(self) -> _core.PatchTuple:
+        """As the compiled core takes it."""
+        return (*self.knots, *self.degrees, self.control_points, self.weights)
 
     def to_scipy(self) -> NdBSpline:
         """`scipy.interpolate.NdBSpline` of a polynomial patch."""

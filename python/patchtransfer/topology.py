@@ -48,7 +48,8 @@ class BoundarySide:
         patch = patches[self.patch]
         axis = self.side.axis
         weights = None if patch.weights is None else self.side.of(patch.weights)
-        curve = BSplineCurve(patch.knots[axis], patch.degrees[axis], self.side.of(patch.control_points), weights)
+        points = self.side.of(patch.control_points)
+        curve = BSplineCurve._trusted(patch.knots[axis], patch.degrees[axis], points, weights)
         return curve.reversed() if self.reversed else curve
 
     def points(self, array: IntArray) -> IntArray:
@@ -205,7 +206,7 @@ class Topology:
         self.patches = multipatch.patches
         self.interfaces = multipatch.interfaces
         self.points, self.n_points = identify([p.shape for p in self.patches], self.interfaces)
-        self.orientation = np.array([1 if signed_area(p) >= 0 else -1 for p in self.patches])
+        self.orientation = np.where(signed_areas(self.patches) >= 0, 1, -1)
         glued = {(f.patch_a, f.side_a) for f in self.interfaces} | {(f.patch_b, f.side_b) for f in self.interfaces}
         self.boundaries = tuple((k, s) for k in range(len(self.patches)) for s in Side if (k, s) not in glued)
 
@@ -214,11 +215,11 @@ class Topology:
         other = object.__new__(Topology)
         other.patches, other.interfaces = patches, self.interfaces
         other.points, other.n_points, other.boundaries = self.points, self.n_points, self.boundaries
-        other.orientation = np.array([1 if signed_area(p) >= 0 else -1 for p in patches])
-        combinatorial = ["boundary_points", "interior_points", "n_components", "vertices"]
+        other.orientation = np.where(signed_areas(patches) >= 0, 1, -1)
+        combinatorial = ["boundary_points", "interior_points", "n_components", "vertices", "glued_entries", "knot_gaps"]
         # Loops are traversed by orientation, and ordered by area, so they carry over only with both.
         if (other.orientation == self.orientation).all():
-            combinatorial += ["directed_interfaces", "spokes", "directed_chords"]
+            combinatorial += ["directed_interfaces", "spokes", "directed_chords", "_chains"]
             if len(self.__dict__.get("loops", ())) == 1:
                 combinatorial.append("loops")
         other.__dict__.update({name: self.__dict__[name] for name in combinatorial if name in self.__dict__})
@@ -239,6 +240,37 @@ class Topology:
         differ = np.zeros(self.n_points, bool)
         np.logical_or.at(differ, flat, (first[flat] != control).any(axis=1))
         return np.where(differ[:, None], mean, first)
+
+    @cached_property
+    def glued_entries(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Control points that interfaces glue, numbered patch by patch, on side a and on side b; where each starts."""
+        offsets = np.concatenate([[0], np.cumsum([points.size for points in self.points])])
+        a, b, starts = [np.empty(0, np.int64)], [np.empty(0, np.int64)], [0]
+        for f in self.interfaces:
+            first, second = (
+                side.of(offsets[k] + np.arange(self.points[k].size).reshape(self.points[k].shape))
+                for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b))
+            )
+            a.append(first)
+            b.append(second[::-1] if f.reversed else second)
+            starts.append(starts[-1] + len(first))
+        return np.concatenate(a), np.concatenate(b), np.array(starts[:-1], np.int64)
+
+    @cached_property
+    def knot_gaps(self) -> tuple[float, ...]:
+        """Largest difference of the two sides' knots, mapped to [0, 1], interface by interface."""
+        gaps = []
+        for f in self.interfaces:
+            # Extended precision, so that the comparison adds no rounding of its own.
+            a, b = (
+                self.patches[k].knots[side.axis].astype(np.longdouble)
+                for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b))
+            )
+            a, b = a - a[0], b - b[0]
+            if f.reversed:
+                b = b[-1] - b[::-1]
+            gaps.append(float(np.abs(a / a[-1] - b / b[-1]).max()))
+        return tuple(gaps)
 
     @cached_property
     def boundary_points(self) -> IntArray:
@@ -274,6 +306,12 @@ class Topology:
         InputError
             When boundary sides do not chain into loops (inconsistent orientation) or loops touch in a vertex.
         """
+        # The domain is on the left, so the outer loop is the one that runs counter-clockwise.
+        return tuple(sorted(self._chains, key=lambda loop: -self._loop_area(loop)))
+
+    @cached_property
+    def _chains(self) -> tuple[tuple[BoundarySide, ...], ...]:
+        """The loops in the order of their first sides."""
         start: dict[int, BoundarySide] = {}
         stop: dict[BoundarySide, int] = {}
         for k, side in self.boundaries:
@@ -303,15 +341,13 @@ class Topology:
                     )
                 loop.append(following)
             loops.append(tuple(loop))
-        # The domain is on the left, so the outer loop is the one that runs counter-clockwise.
-        return tuple(sorted(loops, key=lambda loop: -self._loop_area(loop)))
+        return tuple(loops)
 
     def _loop_area(self, loop: Sequence[BoundarySide]) -> float:
         """Signed area that a loop encloses."""
         first = self.coordinates[loop[0].points(self.points[loop[0].patch])[0]]
-        return sum(
-            (-1 if side.reversed else 1) * side_area(self.patches[side.patch], side.side, first) for side in loop
-        )
+        signs = np.array([-1 if side.reversed else 1 for side in loop])
+        return float(signs @ side_areas([(self.patches[side.patch], side.side, first) for side in loop]))
 
     @cached_property
     def vertices(self) -> tuple[Vertex, ...]:
@@ -412,24 +448,33 @@ def polygon_area(points: FloatArray) -> float:
     return float(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
-def signed_area(patch: Patch) -> float:
-    """Signed area of a patch by the boundary integral ½∮ x dy - y dx, exact up to rounding.
+def signed_areas(patches: Sequence[Patch]) -> FloatArray:
+    """Signed areas of patches by the boundary integral ½∮ x dy - y dx, exact up to rounding.
 
     For a rational patch its sides' control polygon is taken, whose area has the same sign unless the sides bend
     strongly; the certificate checks the sign.
     """
-    origin = patch.control_points[0, 0]
-    signs = ((Side.SOUTH, 1), (Side.EAST, 1), (Side.NORTH, -1), (Side.WEST, -1))
-    return sum(sign * side_area(patch, side, origin) for side, sign in signs)
+    around = (Side.SOUTH, Side.EAST, Side.NORTH, Side.WEST)
+    areas = side_areas([(patch, side, patch.control_points[0, 0]) for patch in patches for side in around])
+    return np.asarray(areas.reshape(-1, 4) @ [1.0, 1.0, -1.0, -1.0])
 
 
-def side_area(patch: Patch, side: Side, origin: FloatArray) -> float:
-    """½∫ x dy - y dx along a side in the sense of its parameter, about `origin`."""
-    x, y = (side.of(patch.control_points) - origin).T
-    if patch.weights is not None:
-        return float(0.5 * (x[:-1] @ y[1:] - y[:-1] @ x[1:]))
-    form = _area_form(patch.knots[side.axis].tobytes(), patch.degrees[side.axis])
-    return 0.5 * float(x @ form @ y - y @ form @ x)
+def side_areas(sides: Sequence[tuple[Patch, Side, FloatArray]]) -> FloatArray:
+    """½∫ x dy - y dx along sides of patches in the sense of their parameters, each about an origin."""
+    areas = np.empty(len(sides))
+    groups: dict[tuple[bytes, int], list[int]] = defaultdict(list)
+    for k, (patch, side, origin) in enumerate(sides):
+        if patch.weights is None:
+            groups[patch.knots[side.axis].tobytes(), patch.degrees[side.axis]].append(k)
+        else:
+            x, y = (side.of(patch.control_points) - origin).T
+            areas[k] = 0.5 * (x[:-1] @ y[1:] - y[:-1] @ x[1:])
+    for key, members in groups.items():
+        points = np.array([sides[k][1].of(sides[k][0].control_points) for k in members])
+        x, y = (points - np.array([sides[k][2] for k in members])[:, None]).transpose(2, 0, 1)
+        form = _area_form(*key)
+        areas[members] = 0.5 * ((x @ form * y).sum(axis=1) - (y @ form * x).sum(axis=1))
+    return areas
 
 
 @lru_cache(maxsize=256)

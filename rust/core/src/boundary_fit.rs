@@ -23,6 +23,23 @@ pub struct Basis {
     pub n: usize,
     /// Row-major values; the first row belongs to the start of the curve, the last to its end.
     pub values: Vec<f64>,
+    /// Inner control points that matter at every sample: from and to, beyond the last.
+    support: Vec<[usize; 2]>,
+}
+
+impl Basis {
+    /// Row-major values for `n` control points.
+    pub fn new(n: usize, values: Vec<f64>) -> Self {
+        let support = values
+            .chunks_exact(n)
+            .map(|row| {
+                let inner = &row[1..n - 1];
+                let first = inner.iter().position(|&b| b != 0.0).unwrap_or(0);
+                [first, inner.iter().rposition(|&b| b != 0.0).map_or(first, |last| last + 1)]
+            })
+            .collect();
+        Self { n, values, support }
+    }
 }
 
 /// What a side is fitted to.
@@ -163,11 +180,12 @@ impl Side {
             let metric = [w - reduce * tx * tx, -reduce * tx * ty, w - reduce * ty * ty];
             let weighted =
                 [metric[0] * rest[0] + metric[1] * rest[1], metric[1] * rest[0] + metric[2] * rest[1]];
-            for i in (0..m).filter(|&i| row[i + 1] != 0.0) {
+            let [from, to] = basis.support[k];
+            for i in from..to {
                 let bi = row[i + 1];
                 self.right[2 * i] += bi * weighted[0];
                 self.right[2 * i + 1] += bi * weighted[1];
-                for j in (0..=i).filter(|&j| row[j + 1] != 0.0) {
+                for j in from..=i {
                     let product = bi * row[j + 1];
                     let at = 2 * i * size + 2 * j;
                     self.normal[at] += product * metric[0];

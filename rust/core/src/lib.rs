@@ -26,6 +26,7 @@ pub mod optimizer;
 mod ordering;
 pub mod outline;
 pub mod quadrature;
+pub mod quality;
 pub mod simple_loops;
 pub mod sparse;
 pub mod spline;

@@ -7,6 +7,8 @@ use crate::spline::{SplineCurve, bezier_extract};
 const TABLE: usize = 1024;
 /// Chords in a leaf of the box tree.
 const LEAF: usize = 4;
+/// Samples of a loop projected onto another one at most.
+const MOST_SAMPLES: usize = 2048;
 /// Newton steps to a foot of a perpendicular at most.
 const FOOT_STEPS: usize = 8;
 
@@ -207,7 +209,7 @@ impl Outline {
         points
             .iter()
             .map(|point| {
-                let (k, fraction) = self.nearest_chord(point);
+                let (k, fraction) = self.nearest_chord(point, 0);
                 let step = self.table[k + 1] - self.table[k];
                 let [s, distance] = self.foot(point, self.table[k] + fraction * step, step, &mut scratch);
                 [s.rem_euclid(self.length()), distance]
@@ -215,14 +217,59 @@ impl Outline {
             .collect()
     }
 
-    /// Nearest chord and the fraction of it where it is nearest, by branch and bound.
-    fn nearest_chord(&self, p: &[f64; 2]) -> (usize, f64) {
+    /// Signed turning angles of the tangent at the arc lengths `s`, non-zero at corners only.
+    pub fn turn(&self, s: &[f64]) -> Vec<f64> {
+        // A position computed by arithmetic may miss the corner by rounding.
+        let (near, mut scratch) = (1e-9 * self.length(), Vec::with_capacity(self.degree + 1));
+        s.iter()
+            .map(|s| {
+                let [_, _, ax, ay] = self.at(s - near, true, &mut scratch);
+                let [_, _, bx, by] = self.at(s + near, false, &mut scratch);
+                (ax * by - ay * bx).atan2(ax * bx + ay * by)
+            })
+            .collect()
+    }
+
+    /// Two-sided Hausdorff distance of two loops, from their samples: every n-th where there are more than 2048.
+    pub fn hausdorff(&self, other: &Self) -> f64 {
+        self.farthest(other).max(other.farthest(self))
+    }
+
+    /// Largest distance of another loop's samples from this one.
+    fn farthest(&self, other: &Self) -> f64 {
+        let (mut worst, mut chord, mut scratch) = (0.0, 0, vec![]);
+        for point in other.samples.iter().step_by(other.samples.len().div_ceil(MOST_SAMPLES).max(1)) {
+            // Consecutive points have neighbouring feet.
+            let (k, fraction) = self.nearest_chord(point, chord);
+            chord = k;
+            let step = self.table[k + 1] - self.table[k];
+            let s = self.table[k] + fraction * step;
+            let here = self.at(s, false, &mut scratch);
+            // The foot is nearer still, so it matters only where this point is farther away than any before.
+            if (point[0] - here[0]).hypot(point[1] - here[1]) > worst {
+                worst = self.foot(point, s, step, &mut scratch)[1].max(worst);
+            }
+        }
+        worst
+    }
+
+    /// Nearest chord and the fraction of it where it is nearest, by branch and bound; `guess` is a chord nearby.
+    fn nearest_chord(&self, p: &[f64; 2], guess: usize) -> (usize, f64) {
         let outside = |b: &[f64; 4]| {
             let (dx, dy) = ((b[0] - p[0]).max(p[0] - b[2]).max(0.0), (b[1] - p[1]).max(p[1] - b[3]).max(0.0));
             dx * dx + dy * dy
         };
         let count = self.samples.len();
-        let (mut best, mut found) = (f64::INFINITY, (0, 0.0));
+        let chord = |k: usize| {
+            let (a, b) = (self.samples[k], self.samples[(k + 1) % count]);
+            let d = [b[0] - a[0], b[1] - a[1]];
+            let along = (p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1];
+            let t = (along / (d[0] * d[0] + d[1] * d[1]).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+            let (x, y) = (p[0] - a[0] - t * d[0], p[1] - a[1] - t * d[1]);
+            (x * x + y * y, t)
+        };
+        let (mut best, t) = chord(guess);
+        let mut found = (guess, t);
         let mut stack = vec![(1, 0, count, 0.0)];
         while let Some((at, from, to, bound)) = stack.pop() {
             if bound >= best {
@@ -230,13 +277,9 @@ impl Outline {
             }
             if to - from <= LEAF {
                 for k in from..to {
-                    let (a, b) = (self.samples[k], self.samples[(k + 1) % count]);
-                    let d = [b[0] - a[0], b[1] - a[1]];
-                    let along = (p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1];
-                    let t = (along / (d[0] * d[0] + d[1] * d[1]).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-                    let (x, y) = (p[0] - a[0] - t * d[0], p[1] - a[1] - t * d[1]);
-                    if x * x + y * y < best {
-                        (best, found) = (x * x + y * y, (k, t));
+                    let (distance, t) = chord(k);
+                    if distance < best {
+                        (best, found) = (distance, (k, t));
                     }
                 }
                 continue;

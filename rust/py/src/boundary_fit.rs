@@ -51,11 +51,17 @@ impl BoundaryFit {
     ) -> PyResult<Self> {
         let bases: Vec<Basis> = bases
             .iter()
-            .map(|b| Basis { n: b.shape()[1], values: b.as_array().iter().copied().collect() })
-            .collect();
+            .map(|b| {
+                let n = b.shape()[1];
+                if n < 2 {
+                    return Err(PyValueError::new_err("a basis needs two functions or more"));
+                }
+                Ok(Basis::new(n, b.as_array().iter().copied().collect()))
+            })
+            .collect::<PyResult<_>>()?;
         let read = |(basis, outline, lengths, ends, tangents, legs): &SideTuple<'_>| {
             let lengths = lengths.as_array().to_vec();
-            let known = bases.get(*basis).is_some_and(|b| b.n >= 2 && b.values.len() == b.n * lengths.len());
+            let known = bases.get(*basis).is_some_and(|b| b.values.len() == b.n * lengths.len());
             if !known || *outline >= outlines.len() || lengths.len() < 3 || legs.len() != 2 {
                 return Err(PyValueError::new_err("side: basis, outline, lengths or legs do not fit"));
             }

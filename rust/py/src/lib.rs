@@ -11,6 +11,7 @@ mod mesh;
 mod mesh_map;
 mod optimizer;
 mod outline;
+mod quality;
 mod spline;
 mod threads;
 
@@ -25,6 +26,7 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     galerkin::register(m)?;
     mesh::register(m)?;
     mesh_map::register(m)?;
+    quality::register(m)?;
     spline::register(m)?;
     correspondence::register(m)?;
     Ok(())

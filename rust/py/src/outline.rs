@@ -69,6 +69,20 @@ impl Outline {
         Ok(rows(py, &out))
     }
 
+    /// Signed turning angles (n,) at the arc lengths `s`.
+    fn turn<'py>(
+        &self,
+        py: Python<'py>,
+        s: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(self.core.turn(s.as_slice()?).into_pyarray(py))
+    }
+
+    /// Two-sided Hausdorff distance of two loops.
+    fn hausdorff(&self, py: Python<'_>, other: &Self) -> f64 {
+        py.detach(|| self.core.hausdorff(&other.core))
+    }
+
     /// Arc lengths and distances (n, 2) of the nearest points of the loop to points (n, 2).
     fn nearest<'py>(
         &self,
