@@ -35,6 +35,8 @@ FILES = ("yeti", "turtle", "disc")
 FAMILIES = ("smooth", "bend", "articulation", "bump", "swirl", "stretch")
 #: Least det D of a feasible deformation, relative to its mean: closer to zero no knots can follow.
 LEAST_DETERMINANT = 0.03
+#: How the page of the documentation is made.
+COMMAND = "benches/python/robustness.py -n 540 --infeasible 120 -o docs/robustness.md"
 #: Part of the largest feasible strength up to which a target counts as moderate.
 MODERATE = 0.5
 
@@ -327,7 +329,8 @@ def main() -> None:
     print(text)
     if options.output:
         path = Path(options.output)
-        path.write_text(f"# Robustness\n\n{__doc__.splitlines()[0].split(':')[0]}.\n\n{text}\n")
+        page = ["# Robustness", *__doc__.strip().split("\n\n")[1:], f"Written by `python {COMMAND}`.", text.rstrip()]
+        path.write_text("\n\n".join(page) + "\n")
         path.with_suffix(".json").write_text(json.dumps([asdict(o) for o in outcomes], indent=1) + "\n")
 
 
