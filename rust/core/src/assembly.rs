@@ -208,6 +208,31 @@ pub(crate) struct Reduced {
     pub values: usize,
 }
 
+/// `weight` times a value of H that counts for an entry of `Zᵀ H Z`.
+#[derive(Clone, Copy, Default)]
+struct Term {
+    row: u32,
+    column: u32,
+    from: u32,
+    weight: f64,
+}
+
+/// Counting sort by a key below `n`, stable: linear in the number of terms, which a sort by comparison is not.
+fn distributed(terms: &[Term], n: usize, key: impl Fn(&Term) -> u32) -> Vec<Term> {
+    let mut next = vec![0; n + 1];
+    terms.iter().for_each(|t| next[key(t) as usize + 1] += 1);
+    for k in 0..n {
+        next[k + 1] += next[k];
+    }
+    let mut out = vec![Term::default(); terms.len()];
+    for &t in terms {
+        let place = &mut next[key(&t) as usize];
+        out[*place] = t;
+        *place += 1;
+    }
+    out
+}
+
 impl Reduced {
     /// Pattern of `Zᵀ H Z` (upper triangle, interleaved) and the linear map between the values.
     pub fn new(z: CscMatrix<f64>, assembly: &Assembly) -> (Self, Vec<usize>, Vec<usize>) {
@@ -219,35 +244,38 @@ impl Reduced {
             rows
         };
         // Every entry (i, j) of the upper triangle stands for (j, i) too.
-        let mut triples: Vec<((usize, usize), u32, f64)> = vec![];
+        let n = 2 * z.ncols();
+        let mut terms: Vec<Term> = Vec::with_capacity(2 * assembly.rows.len());
         for column in 0..assembly.offsets.len() - 1 {
             for k in assembly.offsets[column]..assembly.offsets[column + 1] {
                 let row = assembly.rows[k];
                 for &(p, wp) in &rows_of[row / 2] {
                     for &(q, wq) in &rows_of[column / 2] {
-                        let (i, j) = (2 * p + row % 2, 2 * q + column % 2);
+                        let (i, j) = ((2 * p + row % 2) as u32, (2 * q + column % 2) as u32);
+                        let (from, weight) = (k as u32, wp * wq);
                         if i <= j {
-                            triples.push(((j, i), k as u32, wp * wq));
+                            terms.push(Term { row: i, column: j, from, weight });
                         }
                         if row != column && j <= i {
-                            triples.push(((i, j), k as u32, wp * wq));
+                            terms.push(Term { row: j, column: i, from, weight });
                         }
                     }
                 }
             }
         }
-        triples.sort_by_key(|&(key, from, _)| (key, from));
-        let (mut offsets, mut rows, mut map) = (vec![0; 2 * z.ncols() + 1], vec![], vec![]);
+        // Stable, so terms of an entry stay in the order of `from`.
+        let terms = distributed(&distributed(&terms, n, |t| t.row), n, |t| t.column);
+        let (mut offsets, mut rows, mut map) = (vec![0; n + 1], vec![], Vec::with_capacity(terms.len()));
         let mut last = None;
-        for (key, from, w) in triples {
-            if last != Some(key) {
-                rows.push(key.1);
-                offsets[key.0 + 1] += 1;
-                last = Some(key);
+        for Term { row, column, from, weight } in terms {
+            if last != Some((column, row)) {
+                rows.push(row as usize);
+                offsets[column as usize + 1] += 1;
+                last = Some((column, row));
             }
-            map.push((rows.len() as u32 - 1, from, w));
+            map.push((rows.len() as u32 - 1, from, weight));
         }
-        for c in 0..2 * z.ncols() {
+        for c in 0..n {
             offsets[c + 1] += offsets[c];
         }
         let values = rows.len();
