@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 
 import models
 import targets
-from patchtransfer import examples, read
+from patchtransfer import Boundary, BSplineCurve, examples, read
 from patchtransfer.registration import register
 from test_outline import polygon
 from test_registration import SQUARE, loop, quick
+from test_splines import circle
 
 MODELS = os.environ.get("PATCHTRANSFER_MODELS")
 models_only = pytest.mark.skipif(not MODELS, reason="PATCHTRANSFER_MODELS is not set")
@@ -128,3 +129,40 @@ def test_landmarks_that_shape_cannot_follow_fall_back_to_arc_length_with_a_warni
     assert any("no matching by shape" in warning for warning in registration.warnings)
     (r,) = registration.loops
     assert (np.diff(r.anchors, axis=0) > 0).all()
+
+
+@pytest.mark.parametrize("angle", [0, 100, 170, -120])
+def test_holes_tell_how_a_symmetric_outline_is_turned(angle):
+    """An ellipse fits itself in two ways; only one brings the hole near one of its ends onto its image."""
+
+    def ellipse(centre, axes):
+        return [BSplineCurve(c.knots, 2, c.control_points * axes + centre, c.weights) for c in [circle()]]
+
+    source = [ellipse((0, 0), (2, 1)), ellipse((1.1, 0.2), (0.3, 0.3))]
+    move = targets.similarity(angle, 1.5, (3, 1))
+    target = Boundary(
+        [[BSplineCurve(c.knots, 2, move(c.control_points), c.weights) for c in loop] for loop in reversed(source)]
+    )
+    registration = register(source, target)
+    outer = registration.loops[0]
+    s = np.linspace(0, outer.source.length, 20, endpoint=False)
+    error = np.linalg.norm(outer.target.point(outer.to_target(s)) - move(outer.source.point(s)), axis=1)
+    # Turned by half it would be near 0.5; how far smooth loops slide into place is another matter.
+    assert error.max() < 0.03 * target.diameter
+    assert outer.confidence > 0.3
+
+
+@models_only
+def test_a_strong_taper_is_not_turned_upside_down():
+    """Bent by 60 degrees across its length, the outline alone fits better turned by half; the holes do not."""
+    mp = read(f"{MODELS}/yeti.xml")
+    middle = np.mean(targets.box(mp), axis=0)
+    axis, k = np.exp(1j * np.radians(170)), np.radians(-60) / 3.9
+
+    def across(x):
+        z = ((x - middle) @ [1, 1j]) / axis
+        bent = 1j / k * (1 - np.exp(1j * k * z.real)) + 1j * z.imag * np.exp(1j * k * z.real)
+        return np.column_stack([(axis * bent).real, (axis * bent).imag])
+
+    target, truth = targets.deformed(mp, across, seed=4)
+    assert correspondence_error(register(mp.boundary().loops, target), target, truth) < 0.04

@@ -9,8 +9,8 @@ the same under rotation, scaling and translation. Corners found and landmarks gi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from .boundary_shape import BoundaryShape, image_of, turning
 from .inner_distances import slide
 from .splines import FloatArray
 
-__all__ = ["Match", "match_hole", "match_outer", "pair_holes", "slide_all"]
+__all__ = ["Match", "WholeMatch", "match_hole", "match_outer", "pair_holes", "rank_with_holes", "slide_all"]
 
 IntArray = NDArray[np.int64]
 
@@ -58,11 +58,31 @@ class Match:
         Those that pair corners, and the pairs that were given.
     score : float
         Cost of the matching; 0 for similar shapes.
+    corner_cost : float
+        What corners contribute to it.
     """
 
     anchors: FloatArray
     corners: FloatArray
     score: float
+    corner_cost: float = 0.0
+
+
+@dataclass(frozen=True)
+class WholeMatch:
+    """Matching of all loops.
+
+    Attributes
+    ----------
+    partners : tuple of int
+        Target loop of every source loop.
+    loops : tuple of lists of Match
+        Of every loop, best first; empty where no matching keeps the landmarks. The outer loop's has the score of the
+        whole.
+    """
+
+    partners: tuple[int, ...]
+    loops: tuple[list[Match], ...]
 
 
 def match_outer(source: BoundaryShape, target: BoundaryShape, fixed: FloatArray) -> list[Match]:
@@ -96,15 +116,73 @@ def match_outer(source: BoundaryShape, target: BoundaryShape, fixed: FloatArray)
             distinct.append(match)
     if not distinct:
         return []
-    limit = (1 + TIE) * distinct[0].score + TIE_SCORE
-    tied = [match for match in distinct if match.score <= limit]
-    tied.sort(key=lambda match: abs(_rotation(source, target, match)))
-    ranked = tied + distinct[len(tied) :]
-    outline = source.outlines[0]
-    if len(fixed) or len(ranked[0].corners) or 4 * np.pi * outline.area < ROUND * outline.length**2:
+    ranked = _by_rotation(source, target, distinct, TIE)
+    if not _turns_freely(source, ranked[0], fixed):
         return ranked
     placed = _as_placed(source, target, ranked[0])
     return [placed, *ranked] if placed.score <= ROUND_SCORE * ranked[0].score + 1e-9 else ranked
+
+
+def rank_with_holes(
+    source: BoundaryShape,
+    target: BoundaryShape,
+    outer: Sequence[Match],
+    partners: Mapping[int, int],
+    fixed: Mapping[int, FloatArray],
+    settled: Mapping[int, list[Match]],
+) -> list[WholeMatch]:
+    """Match the holes with every matching of the outer loop, and rank these by how well all loops fit together.
+
+    An outline that is nearly symmetric is told by its holes only.
+
+    Parameters
+    ----------
+    source, target : BoundaryShape
+    outer : list of Match
+        See `match_outer`.
+    partners : dict
+        Target loops of the source loops that are paired already, of the outer one at least.
+    fixed : dict of (r, 2) arrays
+        Arc lengths of pairs that must correspond, of every source loop.
+    settled : dict of lists of Match
+        Loops whose matching is known.
+
+    Returns
+    -------
+    list of WholeMatch
+        One for every outer matching, best first; of equally good ones the one with the smallest rotation.
+    """
+    n = len(source.outlines)
+    free = [k for k in range(n) if k not in partners]
+    unpaired = [t for t in range(n) if t not in partners.values()]
+    wholes = {}
+    for match in outer:
+        pairs = dict(partners) | (pair_holes(source, target, match.anchors, free, unpaired) if free else {})
+        to = tuple(pairs[k] for k in range(n))
+        holes = [settled.get(k) or match_hole(source, target, k, to[k], match.anchors, fixed[k]) for k in range(1, n)]
+        # Loops without a matching cannot slide; they are the same with every outer one.
+        if all(holes):
+            found = [match, *(hole[0] for hole in holes)]
+            energy = slide_all(source, target, to, found)[1]
+            match = replace(match, score=energy + sum(m.corner_cost for m in found))
+        wholes[id(match)] = WholeMatch(to, ([match], *holes))
+    ranked = sorted((whole.loops[0][0] for whole in wholes.values()), key=lambda match: match.score)
+    close = ROUND_SCORE - 1 if _turns_freely(source, ranked[0], fixed[0]) else TIE
+    return [wholes[id(match)] for match in _by_rotation(source, target, ranked, close)]
+
+
+def _by_rotation(source: BoundaryShape, target: BoundaryShape, matches: list[Match], close: float) -> list[Match]:
+    """Those as good as the first, up to the part `close` of its score, by rotation; then the others as they are."""
+    limit = (1 + close) * matches[0].score + TIE_SCORE
+    tied = [match for match in matches if match.score <= limit]
+    tied.sort(key=lambda match: abs(_rotation(source, target, match)))
+    return tied + matches[len(tied) :]
+
+
+def _turns_freely(source: BoundaryShape, match: Match, fixed: FloatArray) -> bool:
+    """Whether the outer loop is nearly round, with no corner or landmark to hold it."""
+    outline = source.outlines[0]
+    return not len(fixed) and not len(match.corners) and 4 * np.pi * outline.area >= ROUND * outline.length**2
 
 
 def _as_placed(source: BoundaryShape, target: BoundaryShape, match: Match) -> Match:
@@ -118,7 +196,7 @@ def _as_placed(source: BoundaryShape, target: BoundaryShape, match: Match) -> Ma
         anchors = anchors - [0.0, turned / (2 * np.pi) * length]
     anchors = np.column_stack([anchors[:, 0], anchors[:, 1] - np.floor(anchors[0, 1] / length) * length])
     slid, score = slide(source, target, [0], [anchors], [source.s[0][:1]])
-    return Match(slid[0], match.corners, score)
+    return Match(slid[0], match.corners, score + match.corner_cost, match.corner_cost)
 
 
 def match_hole(
@@ -147,10 +225,10 @@ def pair_holes(
 
 def slide_all(
     source: BoundaryShape, target: BoundaryShape, partners: Sequence[int], matches: Sequence[Match]
-) -> list[FloatArray]:
-    """Anchors of all loops after a common slide; corners and given pairs stay."""
+) -> tuple[list[FloatArray], float]:
+    """Anchors of all loops after a common slide, and its energy; corners and given pairs stay."""
     anchors = [match.anchors for match in matches]
-    return slide(source, target, partners, anchors, [match.corners[:, 0] for match in matches])[0]
+    return slide(source, target, partners, anchors, [match.corners[:, 0] for match in matches])
 
 
 @dataclass(frozen=True)
@@ -209,7 +287,7 @@ class _Pair:
         paired = (self.source.turn[self.k][rows[:, 0]] != 0) & (self.target.turn[self.partner][rows[:, 1]] != 0)
         if len(self.fixed):
             paired |= np.isin(rows[:, 0], self.source.nearest_node(self.k, self.fixed[:, 0]))
-        return Match(anchors, anchors[:-1][paired], score)
+        return Match(anchors, anchors[:-1][paired], score, self.corner_cost(path))
 
     def corner_cost(self, path: IntArray) -> float:
         """What corners cost on a path: those passed over, and differences of those matched."""
@@ -222,7 +300,7 @@ class _Pair:
         """The matching after all points but corners slid."""
         match = self.match(0.0, path)
         anchors, energy = slide(self.source, self.target, [self.partner], [match.anchors], [match.corners[:, 0]])
-        return Match(anchors[0], match.corners, energy + self.corner_cost(path))
+        return replace(match, anchors=anchors[0], score=energy + match.corner_cost)
 
 
 def _work_out(pair: _Pair, cost: FloatArray, start: int) -> tuple[float, IntArray] | None:

@@ -10,14 +10,14 @@ unless ``marked_curves=True`` asks for the paper's procedure.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .boundary_shape import BoundaryShape, cyclic_gap, image_of
 from .corner_anchors import close_turn, corners_between, missed_corners, snap_corners
-from .correspondence import HOPE, HOPELESS, Match, match_hole, match_outer, pair_holes, slide_all
+from .correspondence import HOPE, HOPELESS, Match, match_outer, rank_with_holes, slide_all
 from .errors import InfeasibleTargetError, InputError
 from .landmarks import landmark_anchors, pair_by_landmarks, place_landmarks, read_landmark_rows
 from .multipatch import Boundary
@@ -259,26 +259,18 @@ def _match_shapes(
         )
         return [Match(given[k], fixed[k], 0.0)]
 
-    matches = dict(settled)
-    if 0 not in matches:
-        matches[0] = or_arc_length(match_outer(shape, other, fixed[0]), 0)
-    outer = matches[0][0].anchors
-    free = [k for k in range(len(source)) if k not in partner]
-    if free:
-        partner = partner | pair_holes(
-            shape, other, outer, free, [t for t in range(len(target)) if t not in partner.values()]
-        )
+    outer = settled.get(0) or or_arc_length(match_outer(shape, other, fixed[0]), 0)
+    if len(source) == 1:
+        return partner, {0: outer}, warnings
+    ranked = rank_with_holes(shape, other, outer, partner, fixed, settled)
+    best = ranked[0]
+    matches = {0: [whole.loops[0][0] for whole in ranked]}
     for k in range(1, len(source)):
-        if k not in matches:
-            matches[k] = or_arc_length(match_hole(shape, other, k, partner[k], outer, fixed[k]), k)
-    if len(source) > 1:
-        slid = slide_all(
-            shape, other, [partner[k] for k in range(len(source))], [matches[k][0] for k in range(len(source))]
-        )
-        for k, anchors in enumerate(slid):
-            if k not in settled:
-                matches[k] = [Match(anchors, matches[k][0].corners, matches[k][0].score), *matches[k][1:]]
-    return partner, matches, warnings
+        matches[k] = or_arc_length(best.loops[k], k)
+    anchors = slide_all(shape, other, best.partners, [matches[k][0] for k in range(len(source))])[0]
+    for k in set(matches) - set(settled):
+        matches[k][0] = replace(matches[k][0], anchors=anchors[k])
+    return dict(enumerate(best.partners)), matches, warnings
 
 
 def _confidence(best: Match, second: Match | None) -> float:
