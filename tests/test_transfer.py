@@ -14,7 +14,15 @@ from hypothesis import strategies as st
 import models
 import patchtransfer as pt
 import targets
-from patchtransfer import Boundary, BSplineCurve, InfeasibleTargetError, InputError, NotCertifiedError, interior
+from patchtransfer import (
+    Boundary,
+    BSplineCurve,
+    InfeasibleTargetError,
+    InputError,
+    NotCertifiedError,
+    examples,
+    interior,
+)
 from patchtransfer.outline import Outline, hausdorff
 from strategies import knot_vectors, turned
 from test_outline import polygon
@@ -475,3 +483,24 @@ def test_real_models_by_the_paper():
     result = pt.transfer(mp, target, landmarks, method="paper", on_failure="return")
     same_structure(result.multipatch, mp)
     assert result.boundary_error < 1e-2
+
+
+def test_optimizers_under_rows_are_reused_and_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = examples.load("rabbit")[0]
+    made: list[bool] = []
+    original = interior.SplineOptimizer.__init__
+
+    def counted(self: interior.SplineOptimizer, *args: object, **options: object) -> None:
+        made.append(options.get("null_space") is not None)
+        original(self, *args, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(interior.SplineOptimizer, "__init__", counted)
+    plan = pt.TransferPlan(source)
+    pairs = [targets.deformed(source, targets.bend(source, angle), seed=4) for angle in (15, 16, 15)]
+    results = [plan.transfer(*pair) for pair in pairs]
+    under_rows = sum(made)
+    for result, pair in zip(results, pairs, strict=True):
+        fresh = pt.transfer(source, *pair)
+        for a, b in zip(result.multipatch.patches, fresh.multipatch.patches, strict=True):
+            assert np.array_equal(a.control_points, b.control_points)
+    assert under_rows < sum(made) - under_rows

@@ -25,6 +25,8 @@ from .topology import Spoke
 __all__ = ["CONTINUITY", "InteriorMap", "InteriorSolver"]
 
 CONTINUITY = ("c0", "c1", "g1")
+#: Optimizers under rows that a thread keeps, one a pattern of the null-space basis.
+KEPT_PATTERNS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,11 +161,9 @@ class InteriorSolver:
     ) -> SplineOptimizer:
         """Optimizer on the source; symbolic work is kept, one optimizer a thread because it owns its buffers."""
         excluded = sorted(set(degenerate) | set(self._degenerate))
-        cache: dict[object, SplineOptimizer] = self._thread.__dict__.setdefault("optimizers", {})
-        key = (nodes_per_degree, tuple(excluded))
-        single_use = bool(extra_nodes) or null_space is not None
-        if single_use or key not in cache:
-            optimizer = SplineOptimizer(
+
+        def new() -> SplineOptimizer:
+            return SplineOptimizer(
                 self.source.topology,
                 self.reference,
                 nodes_per_degree=nodes_per_degree,
@@ -171,9 +171,20 @@ class InteriorSolver:
                 excluded_corners=excluded,
                 null_space=null_space,
             )
-            if single_use:
-                return optimizer
-            cache[key] = optimizer
+
+        if extra_nodes:
+            return new()
+        cache: dict[tuple[object, ...], SplineOptimizer] = self._thread.__dict__.setdefault("optimizers", {})
+        # Rows follow the target, but where a basis has its entries seldom changes.
+        pattern = null_space is not None and (null_space.indptr.tobytes(), null_space.indices.tobytes())
+        key = (nodes_per_degree, tuple(excluded), pattern)
+        if key not in cache:
+            under_rows = [known for known in cache if known[-1]]
+            if pattern and len(under_rows) >= KEPT_PATTERNS:
+                del cache[under_rows[0]]
+            cache[key] = new()
+        elif null_space is not None:
+            cache[key].set_basis(null_space)
         return cache[key]
 
     @property

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import block_diag, csc_array, csr_array, diags_array, eye_array, hstack, vstack
+from scipy.sparse import csc_array, csr_array, diags_array, hstack
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
@@ -234,29 +234,32 @@ def _solve_groups(
     points contradict them, and how many are redundant.
     """
     tolerance = CONSISTENT * float(np.linalg.norm(np.ptp(points, axis=0)))
-    places: list[IntArray] = []
-    nulls: list[FloatArray] = []
-    solutions: list[csr_array] = []
+    m, n = matrix.shape
+    groups = _tied(matrix)
+    alone = np.setdiff1d(np.arange(n), np.concatenate([[], *(c for _, c in groups)]).astype(int))
+    at_fixed, place, width = np.asarray(fixed @ points), np.empty(n, int), len(alone)
+    nulls: list[tuple[IntArray, IntArray, FloatArray]] = []
+    solutions: list[tuple[IntArray, IntArray, FloatArray]] = []
     dropped: list[int] = []
     redundant = 0
-    for r, c in _tied(matrix):
-        dense, bound = matrix[r][:, c].toarray(), csr_array(fixed[r])
-        kept = _consistent(dense, np.asarray(bound @ points), tolerance, order[r])
+    for r, c in groups:
+        own = matrix[r]
+        place[c] = np.arange(len(c))
+        dense = np.zeros((len(r), len(c)))
+        dense[np.repeat(np.arange(len(r)), np.diff(own.indptr)), place[own.indices]] = own.data
+        kept = _consistent(dense, at_fixed[r], tolerance, order[r])
         dropped += r[~kept].tolist()
         u, sigma, vt = np.linalg.svd(dense[kept])
         rank = int((sigma > RANK_TOLERANCE).sum())
         redundant += int(kept.sum()) - rank
         # On orthonormal rows: weak ones would lose their digits.
         solution, null = _echelon(vt[:rank])
-        solution = solution @ (u[:, :rank].T / sigma[:rank, None])
-        places.append(c)
-        nulls.append(null)
-        solutions.append(csr_array(csr_array(-solution) @ bound[kept]))
-    alone = np.setdiff1d(np.arange(matrix.shape[1]), np.concatenate([[], *places]))
-    order_of = np.concatenate([alone, *places]).astype(int)
-    null = block_diag([eye_array(len(alone)), *nulls], format="csr")[np.argsort(order_of)]
-    stacked = vstack([csr_array((len(alone), fixed.shape[1])), *solutions], format="csr")[np.argsort(order_of)]
-    return csr_array(null), csr_array(stacked), np.array(dropped, int), redundant
+        solutions.append((c, r[kept], -solution @ (u[:, :rank].T / sigma[:rank, None])))
+        nulls.append((c, width + np.arange(null.shape[1]), null))
+        width += null.shape[1]
+    identity = csr_array((np.ones(len(alone)), (alone, np.arange(len(alone)))), shape=(n, width))
+    null_vectors = csr_array(identity + _assembled(nulls, (n, width)))
+    return null_vectors, csr_array(_assembled(solutions, (n, m)) @ fixed), np.array(dropped, int), redundant
 
 
 def _echelon(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:

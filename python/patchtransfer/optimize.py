@@ -85,6 +85,10 @@ class SplineOptimizer:
         except RuntimeError as error:
             raise InputError(f"the source cannot be optimised on: {error}") from None
 
+    def set_basis(self, null_space: csc_array) -> None:
+        """Another null-space basis with entries at the same places; symbolic work is kept."""
+        self._core.set_basis(null_space.data)
+
     def harmonic(self, points: FloatArray) -> FloatArray:
         """Spline harmonic map (Galerkin on the reference) with the boundary points of `points`."""
         return self._core.harmonic(points)

@@ -204,17 +204,19 @@ pub(crate) struct Reduced {
     pub z: CscMatrix<f64>,
     /// `value[to] += weight * full[from]`, sorted by `to`, turns the values of H into those of `Zᵀ H Z`.
     pub map: Vec<(u32, u32, f64)>,
+    /// The two values of `Z` whose product the weight is, in the order of `map`.
+    factors: Vec<(u32, u32)>,
     /// Number of values of `Zᵀ H Z`.
     pub values: usize,
 }
 
-/// `weight` times a value of H that counts for an entry of `Zᵀ H Z`.
+/// A value of H, times two values of `Z`, that counts for an entry of `Zᵀ H Z`.
 #[derive(Clone, Copy, Default)]
 struct Term {
     row: u32,
     column: u32,
     from: u32,
-    weight: f64,
+    factors: (u32, u32),
 }
 
 /// Counting sort by a key below `n`, stable: linear in the number of terms, which a sort by comparison is not.
@@ -236,10 +238,10 @@ fn distributed(terms: &[Term], n: usize, key: impl Fn(&Term) -> u32) -> Vec<Term
 impl Reduced {
     /// Pattern of `Zᵀ H Z` (upper triangle, interleaved) and the linear map between the values.
     pub fn new(z: CscMatrix<f64>, assembly: &Assembly) -> (Self, Vec<usize>, Vec<usize>) {
-        let rows_of: Vec<Vec<(usize, f64)>> = {
+        let rows_of: Vec<Vec<(usize, u32)>> = {
             let mut rows = vec![vec![]; z.nrows()];
-            for (i, j, &w) in z.triplet_iter() {
-                rows[i].push((j, w));
+            for (k, (i, j, _)) in z.triplet_iter().enumerate() {
+                rows[i].push((j, k as u32));
             }
             rows
         };
@@ -252,12 +254,12 @@ impl Reduced {
                 for &(p, wp) in &rows_of[row / 2] {
                     for &(q, wq) in &rows_of[column / 2] {
                         let (i, j) = ((2 * p + row % 2) as u32, (2 * q + column % 2) as u32);
-                        let (from, weight) = (k as u32, wp * wq);
+                        let (from, factors) = (k as u32, (wp, wq));
                         if i <= j {
-                            terms.push(Term { row: i, column: j, from, weight });
+                            terms.push(Term { row: i, column: j, from, factors });
                         }
                         if row != column && j <= i {
-                            terms.push(Term { row: j, column: i, from, weight });
+                            terms.push(Term { row: j, column: i, from, factors });
                         }
                     }
                 }
@@ -265,21 +267,38 @@ impl Reduced {
         }
         // Stable, so terms of an entry stay in the order of `from`.
         let terms = distributed(&distributed(&terms, n, |t| t.row), n, |t| t.column);
-        let (mut offsets, mut rows, mut map) = (vec![0; n + 1], vec![], Vec::with_capacity(terms.len()));
+        let (mut offsets, mut rows) = (vec![0; n + 1], vec![]);
+        let (mut map, mut pairs) = (Vec::with_capacity(terms.len()), Vec::with_capacity(terms.len()));
         let mut last = None;
-        for Term { row, column, from, weight } in terms {
+        for Term { row, column, from, factors } in terms {
             if last != Some((column, row)) {
                 rows.push(row as usize);
                 offsets[column as usize + 1] += 1;
                 last = Some((column, row));
             }
-            map.push((rows.len() as u32 - 1, from, weight));
+            map.push((rows.len() as u32 - 1, from, 0.0));
+            pairs.push(factors);
         }
         for c in 0..n {
             offsets[c + 1] += offsets[c];
         }
         let values = rows.len();
-        (Self { z, map, values }, offsets, rows)
+        let mut reduced = Self { z, map, factors: pairs, values };
+        reduced.weigh();
+        (reduced, offsets, rows)
+    }
+
+    /// Other values of `Z` in the same pattern.
+    pub fn set_values(&mut self, values: &[f64]) {
+        self.z.values_mut().copy_from_slice(values);
+        self.weigh();
+    }
+
+    fn weigh(&mut self) {
+        let z = self.z.values();
+        for (entry, &(p, q)) in self.map.iter_mut().zip(&self.factors) {
+            entry.2 = z[p as usize] * z[q as usize];
+        }
     }
 
     /// `Zᵀ g` for a gradient over the free points, components interleaved.

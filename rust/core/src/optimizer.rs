@@ -90,6 +90,23 @@ impl SplineOptimizer {
         Ok(Self { model, problem, coarser, laplacian: None })
     }
 
+    /// Number of entries of the null-space basis, 0 without one.
+    pub fn basis_entries(&self) -> usize {
+        self.problem.reduced.as_ref().map_or(0, |r| r.z.nnz())
+    }
+
+    /// Other values for the entries of the null-space basis, by columns; all symbolic work stays.
+    ///
+    /// # Panics
+    /// When their number is not [`Self::basis_entries`].
+    pub fn set_basis(&mut self, values: &[f64]) {
+        assert_eq!(values.len(), self.basis_entries(), "the pattern of the basis stays");
+        if let Some(reduced) = &mut self.problem.reduced {
+            reduced.set_values(values);
+            self.laplacian = None;
+        }
+    }
+
     /// Number of shared points.
     pub fn n_points(&self) -> usize {
         self.model.n_points

@@ -72,6 +72,18 @@ impl SplineOptimizer {
         })?
     }
 
+    fn set_basis(&mut self, py: Python<'_>, values: PyReadonlyArray1<'_, f64>) -> PyResult<()> {
+        let values = values.as_array().to_vec();
+        let entries = self.core.basis_entries();
+        if values.len() != entries {
+            return Err(PyValueError::new_err(format!(
+                "the basis has {entries} entries, got {} values",
+                values.len()
+            )));
+        }
+        threads::run(py, || self.core.set_basis(&values))
+    }
+
     fn harmonic<'py>(
         &mut self,
         py: Python<'py>,
