@@ -299,6 +299,12 @@ def report(outcomes: list[Outcome]) -> str:
         parts.append(table(["kind", "outcome", "number"], [[*kind, n] for kind, n in sorted(kinds.items())]) + "\n")
         # A loop turned inside out is refused as a mirror image, which is right too.
         missed = [o for o in infeasible if o.status not in ("InfeasibleTargetError", "InputError")]
+        refused = sum(not o.feasible and o not in missed for o in outcomes)
+        called = sum(o.feasible and o.status == "InfeasibleTargetError" for o in outcomes)
+        parts.append(
+            f"Refused: {refused} of {len(infeasible)}. Feasible targets called infeasible: {called} of "
+            f"{len(outcomes) - len(infeasible)}.\n"
+        )
         parts += [f"- case {o.case}, {o.source}, {o.family}: {o.status} {o.message[:160]}" for o in missed]
     return "\n".join(parts)
 
@@ -329,8 +335,9 @@ def main() -> None:
     print(text)
     if options.output:
         path = Path(options.output)
-        page = ["# Robustness", *__doc__.strip().split("\n\n")[1:], f"Written by `python {COMMAND}`.", text.rstrip()]
-        path.write_text("\n\n".join(page) + "\n")
+        what = " ".join(__doc__.split("\n\n")[1].split())
+        head = f"Made by `python benches/python/robustness.py -n {options.n} --infeasible {options.infeasible}`. {what}"
+        path.write_text(f"# Robustness\n\n{head}\n\n{text}\n")
         path.with_suffix(".json").write_text(json.dumps([asdict(o) for o in outcomes], indent=1) + "\n")
 
 
