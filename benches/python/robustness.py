@@ -35,8 +35,6 @@ FILES = ("yeti", "turtle", "disc")
 FAMILIES = ("smooth", "bend", "articulation", "bump", "swirl", "stretch")
 #: Least det D of a feasible deformation, relative to its mean: closer to zero no knots can follow.
 LEAST_DETERMINANT = 0.03
-#: How the page of the documentation is made.
-COMMAND = "benches/python/robustness.py -n 540 --infeasible 120 -o docs/robustness.md"
 #: Part of the largest feasible strength up to which a target counts as moderate.
 MODERATE = 0.5
 
