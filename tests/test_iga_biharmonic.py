@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import models
 import patchtransfer as pt
 import strategies
-from patchtransfer import iga
+from patchtransfer import examples, iga
 from patchtransfer.iga.biharmonic import sine_hessian
 from patchtransfer.iga.nodes import GeometryAt, PatchNodes, gauss
 from patchtransfer.iga.poisson import sine, sine_gradient
@@ -146,6 +146,24 @@ def test_orders_with_analysis_suitable_interfaces_and_without(valence, degree):
     assert max(without) < 0.5
     assert stalled.l2 > 1000 * fine.l2
     assert stalled.h2 > 30 * fine.h2
+
+
+@pytest.mark.parametrize("name", ["rabbit", "human"])
+def test_orders_on_transferred_samples(name):
+    """Valences 3 and 5, and chords of constant speed ratio, where a quadratic c would lock the fields."""
+    source, target, landmarks = examples.load(name)
+    source = source.reduce_continuity(1)
+    smooth = pt.transfer(source, target, landmarks, continuity="g1").multipatch
+    plain = pt.transfer(source, target, landmarks, continuity="c1").multipatch
+    for degree in (3, 4):
+        found, fine = orders(smooth, degree, (4, 8))
+        rates = np.array(found)
+        low = np.array([degree + 1, degree, degree - 1]) - 0.5
+        # On so few spans the coarse errors may still fall faster.
+        assert (rates > low).all(), rates
+        assert (rates < low + 2).all(), rates
+        # The same boundary without exact G1.
+        assert iga.biharmonic(plain, degree=degree, divisions=8, gluing="nearest").errors.l2 > 1000 * fine.l2
 
 
 @pytest.mark.skipif(not MODELS, reason="PATCHTRANSFER_MODELS is not set")

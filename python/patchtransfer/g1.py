@@ -2,8 +2,8 @@
 
 After Collin, Sangalli, Takacs 2016 (*Analysis-suitable G1 multi-patch parametrizations for C1 isogeometric spaces*,
 doi:10.1016/j.cagd.2016.05.009): a D_L + b D_R = c C' with a, b linear and c quadratic. The end values follow the frames
-of a reference map; the middle of c is free. At regular vertices it has to close the four twist rows, or these would
-force the tangents to be parallel. The derivation is in ``docs/continuity.md``.
+of a reference map; the middle of c is free where a : b varies, else c is linear. At regular vertices it has to close
+the four twist rows, or these would force the tangents to be parallel. The derivation is in ``docs/continuity.md``.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from .continuity import ContinuityRows
@@ -24,6 +25,8 @@ __all__ = ["check_g1_space", "g1_rows", "gluing_data"]
 
 #: |c| (for a + b = 2) below which the reference is smooth at a regular vertex: C1 rows leave rounding only.
 SMOOTH = 1e-9
+#: |a_0 b_1 - a_1 b_0| (for a + b = 2) below which a : b counts as constant.
+CONSTANT = 1e-5
 #: Directions below this fraction of the largest are no rows.
 INDEPENDENT = 1e-10
 
@@ -67,7 +70,8 @@ def gluing_data(
     control : tuple of ControlRows
     reference : (n_points, 2) array
         A map with C1 rows on exactly this boundary: its frames give the end values, and c_1 fits it best (least
-        squares), changed as little as possible so that the twist rows close at regular vertices.
+        squares), changed as little as possible so that the twist rows close at regular vertices. Where a : b is
+        constant, c_1 is midway between c_0 and c_2.
     linear : bool, default False
         Take c_1 midway between c_0 and c_2 instead of the best fit: iso-lines bend more, but where kinks at both ends
         of an interface fade towards its middle this asks less of the map.
@@ -81,10 +85,12 @@ def gluing_data(
     for i, r in enumerate(control):
         data[i, [0, 2, 4]], data[i, [1, 3, 6]] = r.end_gluing(reference)
     closing = _smooth_vertices(topology, data)
+    rigid = _constant_ratio(data)
     for i, r in enumerate(control):
-        data[i, 5] = (data[i, 4] + data[i, 6]) / 2 if linear else _best_middle(r, data[i], reference)
+        midway = linear or rigid[i]
+        data[i, 5] = (data[i, 4] + data[i, 6]) / 2 if midway else _best_middle(r, data[i], reference)
     if closing:
-        _close_twists(control, closing, data, reference)
+        _close_twists(control, closing, data, reference, rigid)
     return data
 
 
@@ -102,6 +108,17 @@ def _smooth_vertices(topology: Topology, data: FloatArray) -> list[tuple[Spoke, 
     return found
 
 
+def _constant_ratio(data: FloatArray) -> NDArray[np.bool_]:
+    """Interfaces with one a : b from end to end (of one chord, between smooth vertices): c must be linear there.
+
+    Analysis-suitable data have c = a_L b_R - a_R b_L with linear factors, which has a quadratic part only where a : b
+    varies. With constant a : b and quadratic c the derivative of a C1 field along the interface would have to be of
+    one degree less and smoother by one: the fields lock, though the map itself is exact.
+    """
+    a, b = data[:, :2], data[:, 2:4]
+    return np.asarray(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) < CONSTANT)
+
+
 def _best_middle(r: ControlRows, data: FloatArray, reference: FloatArray) -> float:
     """The c_1 with which the identity holds best on the reference (least squares)."""
     t = _nodes(r)
@@ -112,7 +129,11 @@ def _best_middle(r: ControlRows, data: FloatArray, reference: FloatArray) -> flo
 
 
 def _close_twists(
-    control: tuple[ControlRows, ...], closing: list[tuple[Spoke, ...]], data: FloatArray, reference: FloatArray
+    control: tuple[ControlRows, ...],
+    closing: list[tuple[Spoke, ...]],
+    data: FloatArray,
+    reference: FloatArray,
+    rigid: NDArray[np.bool_],
 ) -> None:
     """Change the c_1 by the least, all together, so that the twist rows of every smooth regular vertex depend.
 
@@ -140,10 +161,19 @@ def _close_twists(
             matrix[2 * k : 2 * k + 2, spoke.interface] += y[m] * change[m]
     # Where c_1 matters most for the residual, relative to the speeds, it changes least.
     weight = np.array([_weight(r, reference) for r in control])
-    moved = np.linalg.lstsq(matrix / weight, rhs, rcond=1e-12)[0] / weight
-    left = np.abs(matrix @ moved - rhs).max()
-    if left > 1e-9 * max(float(np.abs(rhs).max()), float(np.abs(matrix).max())):
-        raise InputError("exact G1: the twist rows cannot be closed at the regular vertices; use continuity c1")
+    tolerance = 1e-9 * max(float(np.abs(rhs).max()), float(np.abs(matrix).max()))
+    free = ~rigid
+    while True:
+        moved = np.linalg.lstsq(matrix * (free / weight), rhs, rcond=1e-12)[0] * (free / weight)
+        left = np.abs(matrix @ moved - rhs).reshape(-1, 2).max(axis=1) > tolerance
+        if not left.any():
+            break
+        # Where a : b varies on one chord of a vertex only, it takes a quadratic c on the other to close the twists.
+        needed = {s.interface for around, open_ in zip(closing, left, strict=True) if open_ for s in around}
+        released = [i for i in needed if not free[i]]
+        if not released:
+            raise InputError("exact G1: the twist rows cannot be closed at the regular vertices; use continuity c1")
+        free[released] = True
     data[:, 5] += moved
 
 
