@@ -78,7 +78,7 @@ def measure(case: Case, plan: TransferPlan, rows: list[Row]) -> None:
 def transfer_with(case: Case, plan: TransferPlan, registration: Registration, choice: Choice, rows: list[Row]) -> None:
     """Transfer with a given registration and choice of parameters."""
 
-    def fit(registration: Registration, *, parameters: str, tolerance: float):
+    def fit(registration: Registration, *, parameters: str = "speed", tolerance: float):
         del parameters
         return fit_boundary(registration, parameters=choice[1], tolerance=tolerance)
 

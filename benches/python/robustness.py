@@ -280,7 +280,7 @@ def report(outcomes: list[Outcome]) -> str:
         total = [share([o for o in feasible if o.family == family]) for family in FAMILIES]
         rows.append(["all", *total, share([o for o in feasible if o.moderate]), share(feasible)])
         percent = 100 * sum(map(good, feasible)) / len(feasible)
-        parts.append(f"### {continuity}: {percent:.2f} % of {len(feasible)} feasible targets certified\n")
+        parts.append(f"## {continuity}: {percent:.2f} % of {len(feasible)} feasible targets certified\n")
         parts.append(table(["source", *FAMILIES, "moderate", "all"], rows) + "\n")
         rungs = collections.Counter(o.rung for o in feasible if good(o))
         parts.append("Certified by rung: " + ", ".join(f"{rung} {n}" for rung, n in rungs.most_common()) + ".\n")
@@ -293,7 +293,7 @@ def report(outcomes: list[Outcome]) -> str:
     infeasible = [o for o in outcomes if not o.feasible]
     if infeasible:
         kinds = collections.Counter((o.family.split(",")[0], o.status) for o in infeasible)
-        parts.append("### Infeasible targets\n")
+        parts.append("## Infeasible targets\n")
         parts.append(table(["kind", "outcome", "number"], [[*kind, n] for kind, n in sorted(kinds.items())]) + "\n")
         # A loop turned inside out is refused as a mirror image, which is right too.
         missed = [o for o in infeasible if o.status not in ("InfeasibleTargetError", "InputError")]
