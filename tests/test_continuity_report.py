@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import patchtransfer as pt
-from patchtransfer import Side, check_continuity
+import targets
+from patchtransfer import Side, check_continuity, examples
 
 LINEAR = [0, 0, 1, 1]
 
@@ -253,6 +254,27 @@ def test_c1_rows_that_cannot_hold_are_left_out():
 
 
 @pytest.mark.parametrize("weights", [False, True])
+def test_rows_that_hold_have_no_residual_in_the_report():
+    """The report takes its ratio from the rows themselves, so a C1 result is seen to be one."""
+    source = examples.load("star")[0]
+    target, landmarks = targets.deformed(source, targets.bend(source, 30))
+    result = pt.transfer(source, target, landmarks, "c1")
+    assert not result.rows.released
+    assert not result.rows.without
+    assert result.rows.residual < 1e-14
+    assert result.continuity.c1_residual < 1e-14
+    # With one row moved the others still say what the ratio is.
+    mp, f = result.multipatch, result.multipatch.interfaces[0]
+    points = mp.topology.coordinates.copy()
+    beside = f.side_a.of(mp.topology.points[f.patch_a], 1)
+    points[beside[len(beside) // 2]] += 1e-3 * mp.diameter
+    found = check_continuity(mp.with_shared_points(points)).interfaces
+    assert found[0].c1_residual > 1e-4
+    apart = [g for g in found if f.patch_a not in (g.interface.patch_a, g.interface.patch_b)]
+    assert apart
+    assert max(g.c1_residual for g in apart) < 1e-14
+
+
 def test_first_order_row_agrees_with_finite_differences(weights):
     """g = a D_a + b D_b − c C' of the reported gluing data, differentiated numerically at the vertex."""
     mp = bumped([p.elevate(2) for p in star(3, 2)], 5, weights)

@@ -7,16 +7,16 @@ of the C1 rows, the kink of iso-lines, and the residual of analysis-suitable G1 
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from statistics import median
 from typing import Any
 
 import numpy as np
 
+from .interface_samples import InterfaceGroup, InterfaceLayout, Measured, coordinates, interface_layout, measure, norms
 from .multipatch import Interface, MultiPatch, Side
-from .quality import span_basis
-from .splines import FloatArray, Patch
-from .topology import Vertex
+from .splines import FloatArray
 
 __all__ = ["ContinuityReport", "InterfaceContinuity", "Kink", "VertexContinuity", "check_continuity"]
 
@@ -48,7 +48,7 @@ class InterfaceContinuity:
     c0_gap, c1_residual, c1_residual_all : float
         As in :class:`ContinuityReport`.
     speed_ratio : float
-        ω_a / ω_b of the C1 rows, the chord's log-mean of |D_b| / |D_a|.
+        ω_a / ω_b of the C1 rows, the median over the chord.
     kink : Kink
     as_g1_residual : float
     gluing : tuple of 7 float
@@ -194,9 +194,10 @@ def check_continuity(mp: MultiPatch, samples: int = 20) -> ContinuityReport:
 
     C1 rows: ω_a (p_a/h_a)(L_j − s_j) + ω_b (p_b/h_b)(R_j − s_j) = 0, scaled so that the factors of s_j add up
     to one. This is 2s − p − q = 0 of the paper (Eq. 10) where speeds and spans agree. The ratio ω_a : ω_b is
-    the log-mean of |D_b| / |D_a| over the whole chord, the interfaces joined through opposite edges of
-    valence-4 vertices. Rational patches have no such rows: there it is the largest |ω_a D_a + ω_b D_b| over
-    the samples in the same scaling.
+    the median of (p_b/h_b) |R_j − s_j| / ((p_a/h_a) |L_j − s_j|) over the rows that count of the whole chord, the
+    interfaces joined through opposite edges of valence-4 vertices: so rows that hold with one ratio have no
+    residual, even if a few others do not hold. Rational patches have no such rows: there it is the largest
+    |ω_a D_a + ω_b D_b| over the samples in the same scaling.
 
     Kink: the angle between D_b and −D_a.
 
@@ -209,261 +210,81 @@ def check_continuity(mp: MultiPatch, samples: int = 20) -> ContinuityReport:
     """
     if not mp.interfaces:
         return ContinuityReport(0.0, 0.0, 0.0, Kink(0.0, 0.0, None), 0.0, (), ())
-    vertices = {vertex.point: vertex for vertex in mp.topology.vertices}
-    edges = [_edge(mp, f, vertices) for f in mp.interfaces]
-    groups: dict[Any, list[int]] = defaultdict(list)
-    for i, edge in enumerate(edges):
-        groups[edge.knots.tobytes(), edge.degree].append(i)
-    sampled: dict[int, _Samples] = {}
-    for members in groups.values():
-        sampled.update(zip(members, _sample([edges[i] for i in members], samples), strict=True))
-    found = [sampled[i] for i in range(len(edges))]
-    ratios = _chord_ratios(mp, found)
-    interfaces = tuple(_report(mp, *item) for item in zip(mp.interfaces, edges, found, ratios, strict=True))
-    count = sum(s.count for s in found)
-    worst = max(interfaces, key=lambda f: f.kink.max).kink
+    layout = interface_layout(mp)
+    control = coordinates(mp)
+    found = [measure(group, control, samples) for group in layout.groups]
+    ratios = _chord_ratios(mp, layout, found)
+    interfaces: list[InterfaceContinuity | None] = [None] * len(mp.interfaces)
+    ends = np.empty((len(mp.interfaces), 2, 2))
+    for group, measured in zip(layout.groups, found, strict=True):
+        ends[group.members] = measured.end_residuals
+        for i, report in zip(group.members, _reports(mp, group, measured, ratios[group.members]), strict=True):
+            interfaces[i] = report
+    reports = tuple(report for report in interfaces if report is not None)
+    count = sum(int(measured.count.sum()) for measured in found)
+    total = sum(float(measured.angle_sum.sum()) for measured in found)
+    worst = max(reports, key=lambda f: f.kink.max).kink
     return ContinuityReport(
-        max(f.c0_gap for f in interfaces),
-        max(f.c1_residual for f in interfaces),
-        max(f.c1_residual_all for f in interfaces),
-        Kink(sum(s.angle_sum for s in found) / max(count, 1), worst.max, worst.at),
-        max(f.as_g1_residual for f in interfaces),
-        interfaces,
-        _vertex_reports(mp, edges, found),
+        max(f.c0_gap for f in reports),
+        max(f.c1_residual for f in reports),
+        max(f.c1_residual_all for f in reports),
+        Kink(total / max(count, 1), worst.max, worst.at),
+        max(f.as_g1_residual for f in reports),
+        reports,
+        _vertex_reports(mp, layout, ends),
     )
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Homogeneous control points (n, 3) of a side, and p/h times the step to the next row."""
-
-    side: FloatArray
-    slope: FloatArray
-    scale: float
-
-
-@dataclass(frozen=True)
-class _Edge:
-    """An interface in the sense of side a, its knots mapped to [0, 1]."""
-
-    knots: FloatArray
-    degree: int
-    a: _Rows
-    b: _Rows
-    ends: tuple[int, int]
-    dropped: tuple[int, int]
-    rational: bool
-
-
-@dataclass(frozen=True)
-class _Samples:
-    """What was sampled on an interface, over the `count` samples where both cross derivatives exist."""
-
-    across: tuple[FloatArray, FloatArray]
-    gap: float
-    count: int
-    angle_sum: float
-    angle_max: float
-    angle_max_at: float
-    log_ratio_sum: float
-    as_g1: float
-    gluing: FloatArray
-    end_residuals: FloatArray
-    """|g| and |g'| in columns, start and end in rows."""
-
-
-def _edge(mp: MultiPatch, f: Interface, vertices: dict[int, Vertex]) -> _Edge:
-    a, b = mp.patches[f.patch_a], mp.patches[f.patch_b]
-    knots = a.knots[f.side_a.axis]
-    directed = mp.topology.directed_side(f.patch_a, f.side_a)
-    points = directed.points(mp.topology.points[f.patch_a])
-    ends = (int(points[-1]), int(points[0])) if directed.reversed else (int(points[0]), int(points[-1]))
-    dropped = [2 if vertices[v].extraordinary else 0 if vertices[v].interior else 1 for v in ends]
-    return _Edge(
-        (knots - knots[0]) / (knots[-1] - knots[0]),
-        a.degrees[f.side_a.axis],
-        _rows(a, f.side_a, False),
-        _rows(b, f.side_b, f.reversed),
-        ends,
-        (dropped[0], dropped[1]),
-        a.weights is not None or b.weights is not None,
-    )
-
-
-def _rows(patch: Patch, side: Side, reverse: bool) -> _Rows:
-    axis = 1 - side.axis
-    knots, p = patch.knots[axis], patch.degrees[axis]
-    # On a domain of length 1: along a chord, speeds of patches with other domains are comparable then.
-    span = knots[-1] - knots[-p - 2] if side.at_end else knots[p + 1] - knots[0]
-    scale = p * float((knots[-1] - knots[0]) / span)
-
-    def row(k: int) -> FloatArray:
-        points = side.of(patch.control_points, k)
-        w = np.ones((len(points), 1)) if patch.weights is None else side.of(patch.weights, k)[:, None]
-        rows = np.concatenate([points * w, w], axis=1)
-        return rows[::-1] if reverse else rows
-
-    first = row(0)
-    return _Rows(first, scale * (row(1) - first), scale)
-
-
-def _sample(edges: list[_Edge], samples: int) -> list[_Samples]:
-    """Sample interfaces of equal degree and knots at once: arrays (k, m, 2), k interfaces, m parameters."""
-    t, basis = span_basis(edges[0].knots, edges[0].degree, samples)
-    side_a, side_b, slope_a, slope_b = (
-        np.array([getattr(rows, name) for rows in both])
-        for name in ("side", "slope")
-        for both in ([e.a for e in edges], [e.b for e in edges])
-    )
-    curve, tangent, bend = _curve(side_a, basis)
-    other, _, _ = _curve(side_b, basis)
-    first, turn_a = _across(side_a, slope_a, basis)
-    second, turn_b = _across(side_b, slope_b, basis)
-    dot = -(first * second).sum(axis=2)
-    cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
-    length_a, length_b = np.hypot(*first.transpose(2, 0, 1)), np.hypot(*second.transpose(2, 0, 1))
-    exists = (length_a > 0) & (length_b > 0)
-    angles = np.where(exists, np.degrees(np.arctan2(np.abs(cross), dot)), 0.0)
-    log_ratios = np.log(np.where(exists, length_b, 1.0) / np.where(exists, length_a, 1.0))
-    as_g1, gluing, end_residuals = _gluing(t, (first, second, tangent), (turn_a, turn_b, bend))
-    # Control points decide (0 when bit-equal); weights that differ can open a gap between them.
-    gaps = _norms(side_a[..., :2] / side_a[..., 2:] - side_b[..., :2] / side_b[..., 2:]).max(axis=1)
-    if (side_a[..., 2] != side_b[..., 2]).any():
-        gaps = np.maximum(gaps, _norms(curve - other).max(axis=1))
-    peak = angles.argmax(axis=1)
-    return [
-        _Samples(
-            across=(first[k], second[k]),
-            gap=float(gaps[k]),
-            count=int(exists[k].sum()),
-            angle_sum=float(angles[k].sum()),
-            angle_max=float(angles[k, peak[k]]),
-            angle_max_at=float(t[peak[k]]),
-            log_ratio_sum=float(log_ratios[k].sum()),
-            as_g1=float(as_g1[k]),
-            gluing=gluing[k],
-            end_residuals=end_residuals[k],
-        )
-        for k in range(len(edges))
-    ]
-
-
-def _norms(vectors: FloatArray) -> FloatArray:
-    return np.hypot(vectors[..., 0], vectors[..., 1])
-
-
-def _curve(h: FloatArray, basis: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """C, C' and C'' of rational curves with homogeneous coefficients (k, n, 3)."""
-    value, slope, curvature = (np.matmul(b, h) for b in basis)
-    w = value[..., 2:]
-    point = value[..., :2] / w
-    tangent = (slope[..., :2] - slope[..., 2:] * point) / w
-    bend = (curvature[..., :2] - 2 * slope[..., 2:] * tangent - curvature[..., 2:] * point) / w
-    return point, tangent, bend
-
-
-def _across(h: FloatArray, e: FloatArray, basis: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray]:
-    """Cross derivative D and its derivative along the side, from side `h` and its step `e` inwards."""
-    value, slope = (np.matmul(b, h) for b in basis[:2])
-    inward, inward_slope = (np.matmul(b, e) for b in basis[:2])
-    w = value[..., 2:]
-    point = value[..., :2] / w
-    tangent = (slope[..., :2] - slope[..., 2:] * point) / w
-    d = (inward[..., :2] - inward[..., 2:] * point) / w
-    turn = inward_slope[..., :2] - inward_slope[..., 2:] * point - inward[..., 2:] * tangent
-    return d, (turn - slope[..., 2:] * d) / w
-
-
-def _gluing(
-    t: FloatArray, vectors: tuple[FloatArray, ...], slopes: tuple[FloatArray, ...]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (k,), gluing data (k, 7) and end residuals (k, 2, 2) of a D_a + b D_b = c C'."""
-    scaled = []
-    for v, dv in zip(vectors, slopes, strict=True):
-        largest = _norms(v).max(axis=1)
-        largest[largest == 0] = 1.0
-        scaled.append((v / largest[:, None, None], dv / largest[:, None, None]))
-    (a, da), (b, db), (c, dc) = scaled
-    linear = np.stack([1 - t, t])
-    quadratic = -np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2])
-
-    def columns(x: FloatArray, y: FloatArray, z: FloatArray, one: FloatArray, two: FloatArray) -> FloatArray:
-        # (k, m, 2, 7)
-        parts = [v[..., None] * w.T[:, None, :] for v, w in ((x, one), (y, one), (z, two))]
-        return np.concatenate(parts, axis=3)
-
-    system = columns(a, b, c, linear, quadratic)
-    # Trapezoidal weights: the singular values converge with the number of samples.
-    weights = np.sqrt(_trapezoidal(t))
-    flat = (system * weights[:, None, None]).reshape(len(system), -1, 7)
-    _, sigma, vt = np.linalg.svd(flat, full_matrices=False)
-    ends = [0, -1]
-    d_linear, d_quadratic = np.array([[-1.0] * 2, [1.0] * 2]), np.array([[2.0, 0], [-2, 2], [0, -2]])
-    moved = columns(da[:, ends], db[:, ends], dc[:, ends], linear[:, ends], quadratic[:, ends])
-    slope = moved + columns(a[:, ends], b[:, ends], c[:, ends], d_linear, d_quadratic)
-    x = _nearest_to_one(sigma, vt)
-    at_ends = [_norms(np.einsum("kexi,ki->kex", m, x)) for m in (system[:, ends], slope)]
-    return sigma[:, -1] / sigma[:, 0], x, np.stack(at_ends, axis=2)
-
-
-def _trapezoidal(t: FloatArray) -> FloatArray:
-    """Weights of the composite trapezoidal rule at `t`, where breaks occur twice."""
-    steps = np.diff(t)
-    return (np.append(steps, 0.0) + np.insert(steps, 0, 0.0)) / 2
-
-
-def _nearest_to_one(sigma: FloatArray, vt: FloatArray) -> FloatArray:
-    """Pick the smallest singular vectors (k, 7), signed so that a and b are positive rather than negative.
-
-    On C1 models the null space has several dimensions (any linear a = b): its vector nearest to a = b = 1.
-    """
-    null = sigma <= np.maximum(sigma[:, -1:], 1e-12 * sigma[:, :1])
-    x = np.einsum("kij,ki->kj", vt, null * vt[..., :4].sum(axis=2))
-    length = np.linalg.norm(x, axis=1, keepdims=True)
-    return np.where(length > 0, x / np.where(length > 0, length, 1.0), vt[:, -1])
-
-
-def _chord_ratios(mp: MultiPatch, found: list[_Samples]) -> list[float]:
-    """ω_a / ω_b of every interface: the log-mean of |D_right| / |D_left| along its chord."""
-    ratios = [1.0] * len(found)
+def _chord_ratios(mp: MultiPatch, layout: InterfaceLayout, found: Sequence[Measured]) -> FloatArray:
+    """ω_a / ω_b of every interface: the median ratio of its chord's C1 rows, or of the speeds where none counts."""
+    logs: list[list[float]] = [[]] * len(mp.interfaces)
+    means = np.empty((len(mp.interfaces), 2))
+    for group, measured in zip(layout.groups, found, strict=True):
+        a, b = (norms(vectors) for vectors in measured.across)
+        there = (a > 0) & (b > 0)
+        if not group.rational:
+            there &= group.kept
+        rows_of = np.log(np.where(there, b, 1.0) / np.where(there, a, 1.0))
+        for i, row, use in zip(group.members.tolist(), rows_of.tolist(), there.tolist(), strict=True):
+            logs[i] = [x for x, used in zip(row, use, strict=True) if used]
+        means[group.members] = np.column_stack([measured.log_ratio_sum, measured.count])
+    ratios = np.ones(len(logs))
     for chord in mp.topology.directed_chords:
         # Run with the chord, patch a is on the left, or run against it, on the right.
         signs = {i: 1 if forward else -1 for i, forward in chord}
-        count = sum(found[i].count for i in signs)
-        mean = sum(sign * found[i].log_ratio_sum for i, sign in signs.items()) / max(count, 1)
+        rows = [sign * x for i, sign in signs.items() for x in logs[i]]
+        speeds = sum(sign * float(means[i, 0]) for i, sign in signs.items())
+        mean = median(rows) if rows else speeds / max(sum(float(means[i, 1]) for i in signs), 1.0)
         for i, sign in signs.items():
             ratios[i] = math.exp(sign * mean)
     return ratios
 
 
-def _report(mp: MultiPatch, f: Interface, edge: _Edge, found: _Samples, ratio: float) -> InterfaceContinuity:
-    first, second = found.across if edge.rational else (edge.a.slope[:, :2], edge.b.slope[:, :2])
-    rows = _norms(ratio * first + second) / ((ratio * edge.a.scale + edge.b.scale) * mp.diameter)
-    kept = rows if edge.rational else rows[edge.dropped[0] : len(rows) - edge.dropped[1]]
-    knots = mp.patches[f.patch_a].knots[f.side_a.axis]
-    t = float(knots[0] + found.angle_max_at * (knots[-1] - knots[0]))
-    kink = Kink(found.angle_sum / max(found.count, 1), found.angle_max, (f.patch_a, f.side_a, t))
-    return InterfaceContinuity(
-        f,
-        found.gap / mp.diameter,
-        float(kept.max(initial=0.0)),
-        float(rows.max()),
-        ratio,
-        kink,
-        found.as_g1,
-        tuple(found.gluing.tolist()),
-    )
+def _reports(
+    mp: MultiPatch, group: InterfaceGroup, found: Measured, ratios: FloatArray
+) -> Iterator[InterfaceContinuity]:
+    """The interfaces of a group, with ω_a / ω_b given."""
+    first, second = found.across
+    size = (ratios * group.scales[0] + group.scales[1]) * mp.diameter
+    rows = norms(ratios[:, None, None] * first + second) / size[:, None]
+    kept = rows if group.rational else np.where(group.kept, rows, 0.0)
+    columns = [found.gap / mp.diameter, kept.max(axis=1), rows.max(axis=1), ratios]
+    columns += [found.angle_sum / np.maximum(found.count, 1), found.angle_max, found.angle_max_at, found.as_g1]
+    numbers = np.column_stack(columns).tolist()
+    for i, (gap, c1, c1_all, ratio, mean, most, at, as_g1), gluing in zip(
+        group.members, numbers, found.gluing.tolist(), strict=True
+    ):
+        f = mp.interfaces[i]
+        knots = mp.patches[f.patch_a].knots[f.side_a.axis]
+        t = float(knots[0] + at * (knots[-1] - knots[0]))
+        kink = Kink(mean, most, (f.patch_a, f.side_a, t))
+        yield InterfaceContinuity(f, gap, c1, c1_all, ratio, kink, as_g1, tuple(gluing))
 
 
-def _vertex_reports(mp: MultiPatch, edges: list[_Edge], found: list[_Samples]) -> tuple[VertexContinuity, ...]:
-    residuals: dict[int, list[FloatArray]] = defaultdict(list)
-    for edge, s in zip(edges, found, strict=True):
-        for point, residual in zip(edge.ends, s.end_residuals, strict=True):
-            residuals[point].append(residual)
+def _vertex_reports(mp: MultiPatch, layout: InterfaceLayout, end_residuals: FloatArray) -> tuple[VertexContinuity, ...]:
     reports = []
-    for vertex in mp.topology.vertices:
-        if vertex.extraordinary:
-            tangent, twist = np.max(residuals[vertex.point], axis=0)
-            x, y = mp.topology.coordinates[vertex.point].tolist()
-            reports.append(VertexContinuity(vertex.point, (x, y), vertex.valence, float(tangent), float(twist)))
+    for vertex, interfaces, ends in layout.extraordinary:
+        tangent, twist = end_residuals[interfaces, ends].max(axis=0).tolist()
+        x, y = mp.topology.coordinates[vertex.point].tolist()
+        reports.append(VertexContinuity(vertex.point, (x, y), vertex.valence, tangent, twist))
     return tuple(reports)

@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -200,9 +201,12 @@ class Topology:
     loops : tuple of tuples of BoundarySide
         The outer loop first, the domain on the left.
     vertices : tuple of Vertex
+    kept : dict
+        What later stages keep that depends on shapes, knots and interfaces alone: one for all control points.
     """
 
     def __init__(self, multipatch: MultiPatch) -> None:
+        self.kept: dict[str, Any] = {}
         self.patches = multipatch.patches
         self.interfaces = multipatch.interfaces
         self.points, self.n_points = identify([p.shape for p in self.patches], self.interfaces)
@@ -213,7 +217,7 @@ class Topology:
     def moved(self, patches: tuple[Patch, ...]) -> Topology:
         """The topology of patches with the same shapes and interfaces and other control points."""
         other = object.__new__(Topology)
-        other.patches, other.interfaces = patches, self.interfaces
+        other.patches, other.interfaces, other.kept = patches, self.interfaces, self.kept
         other.points, other.n_points, other.boundaries = self.points, self.n_points, self.boundaries
         other.orientation = np.where(signed_areas(patches) >= 0, 1, -1)
         combinatorial = ["boundary_points", "interior_points", "n_components", "vertices", "glued_entries", "knot_gaps"]
