@@ -14,11 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, eye_array
-from scipy.sparse.linalg import spsolve
 
 from . import _core
 from .errors import InputError
@@ -27,8 +28,6 @@ from .registration import LoopRegistration, Registration
 from .splines import BSplineCurve, FloatArray, collocation_matrix, knot_spans
 
 __all__ = ["FittedBoundary", "FittedSide", "fit_boundary"]
-
-IntArray = NDArray[np.int64]
 
 #: Samples per knot span and at least per side.
 SAMPLES_PER_SPAN, MIN_SAMPLES = 14, 24
@@ -49,8 +48,6 @@ IMPROVEMENT = (0.1, 0.01)
 BACKING_UP = 100.0
 #: A tangent turns by at most this angle in one step.
 MAX_TURN = 0.1
-#: Up to so many smooth joints the system for their angles is solved as a dense one, which has less overhead.
-DENSE = 200
 #: At a corner a leg may stray from the target's tangent by this angle before it is put on it.
 MAX_STRAY = np.radians(25.0)
 
@@ -111,20 +108,21 @@ def fit_boundary(registration: Registration, *, parameters: str = "speed", toler
         raise InputError(f'parameters must be "speed" or "uniform", got {parameters!r}')
     uniform = parameters == "uniform"
     diameter = float(np.linalg.norm(np.ptp(registration.loops[0].target.polygon(512), axis=0)))
-    sides, bases = _Sides(), _Bases()
-    for loop in registration.loops:
-        _add_sides(sides, bases, loop, uniform)
+    bases = _Bases()
+    joints = [loop.joints for loop in registration.loops]
+    smooth = [abs(loop.target.turn(x[:-1])) < SMOOTH for loop, x in zip(registration.loops, joints, strict=True)]
+    sides = [_sides(bases, loop, x, uniform) for loop, x in zip(registration.loops, joints, strict=True)]
     fit = _core.BoundaryFit(
         [loop.target.core for loop in registration.loops],
         bases.values,
-        sides.data,
+        sides,
+        _smooth_joints(smooth, registration.loops),
         SLIDE_ERROR * tolerance * diameter / SLIDE,
     )
-    smooth = [abs(loop.target.turn(loop.joints[:-1])) < SMOOTH for loop in registration.loops]
     if uniform:
         points, errors = fit.control_points(), fit.errors(True)
     else:
-        points, errors = _iterate(fit, _smooth_joints(smooth, sides.inner), LEVEL_ABOVE * tolerance * diameter)
+        points, errors = _iterate(fit, LEVEL_ABOVE * tolerance * diameter)
     return _collect(registration, points, errors / diameter, smooth, uniform, tolerance, diameter)
 
 
@@ -174,58 +172,78 @@ class _Bases:
         """Index of the basis and the samples' parameters."""
         key = (curve.degree, curve.knots.tobytes())
         if key not in self._known:
-            breaks = knot_spans(curve.knots)
-            per_span = max(SAMPLES_PER_SPAN, -(-MIN_SAMPLES // (len(breaks) - 1)))
-            t = np.interp(np.arange(per_span * (len(breaks) - 1) + 1) / per_span, np.arange(len(breaks)), breaks)
+            t, values = _sampled_basis(*key)
             self._known[key] = len(self.values), t
-            self.values.append(collocation_matrix(curve.knots, curve.degree, t))
+            self.values.append(values)
         return self._known[key]
 
 
-class _Sides:
-    """All sides, one after the other: what the core needs, and their numbers of inner control points."""
+@lru_cache(maxsize=256)
+def _sampled_basis(degree: int, knot_bytes: bytes) -> tuple[FloatArray, FloatArray]:
+    knots = np.frombuffer(knot_bytes)
+    breaks = knot_spans(knots)
+    per_span = max(SAMPLES_PER_SPAN, -(-MIN_SAMPLES // (len(breaks) - 1)))
+    t = np.interp(np.arange(per_span * (len(breaks) - 1) + 1) / per_span, np.arange(len(breaks)), breaks)
+    return t, collocation_matrix(knots, degree, t)
 
-    def __init__(self) -> None:
-        self.data: list[tuple[int, int, FloatArray, FloatArray, FloatArray, FloatArray]] = []
-        self.inner: list[int] = []
-        self.loops = 0
+
+class _SourceSides(NamedTuple):
+    """What the fit needs of a source loop: arc lengths at all samples, and the lengths (n, 2) of the end legs."""
+
+    samples: FloatArray
+    legs: FloatArray
 
 
-def _add_sides(sides: _Sides, bases: _Bases, loop: LoopRegistration, uniform: bool) -> None:
-    """Samples of the target for the sides of a loop, their end points, tangents and legs."""
-    joints, source, target = loop.joints, loop.source, loop.target
-    # The joint's point is evaluated at one and the same arc length for both curves that meet there.
-    points = target.point(joints[:-1])
+#: Of outlines that are alive: a plan's are, and ask for the same with every target.
+_source_sides: WeakKeyDictionary[Outline, _SourceSides] = WeakKeyDictionary()
+
+
+def _of_source(outline: Outline, parameters: Sequence[FloatArray]) -> _SourceSides:
+    if outline not in _source_sides:
+        points = [curve.control_points for curve in outline.curves]
+        ends = np.array([c[[1, -2]] - c[[0, -1]] for c in points])
+        samples = [outline.arc_length(i, t) for i, t in enumerate(parameters)]
+        _source_sides[outline] = _SourceSides(np.concatenate(samples), np.linalg.norm(ends, axis=2))
+    return _source_sides[outline]
+
+
+def _sides(
+    bases: _Bases, loop: LoopRegistration, joints: FloatArray, uniform: bool
+) -> tuple[list[int], FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Bases of a loop's sides, arc lengths of the samples, the joints' points, tangents and leg lengths."""
+    source, target = loop.source, loop.target
+    index, parameters = zip(*(bases.of(curve) for curve in source.curves), strict=True)
+    known = _of_source(source, parameters)
+    if uniform:
+        ends = zip(joints[:-1], joints[1:], parameters, strict=True)
+        lengths = np.concatenate([np.linspace(a, b, len(t)) for a, b, t in ends])
+    else:
+        lengths = loop.to_target(known.samples)
     near = 1e-9 * target.length
     leaving, arriving = target.tangent(joints[:-1] + near), target.tangent(joints[1:] - near, True)
     scale = np.diff(joints) / np.diff(source.joints)
-    known = [bases.of(curve) for curve in source.curves]
-    images: list[FloatArray] = []
-    if not uniform:
-        on_source = [source.arc_length(i, t) for i, (_, t) in enumerate(known)]
-        images = np.split(loop.to_target(np.concatenate(on_source)), np.cumsum([len(s) for s in on_source[:-1]]))
-    for i, (curve, (basis, t)) in enumerate(zip(source.curves, known, strict=True)):
-        lengths = np.linspace(joints[i], joints[i + 1], len(t)) if uniform else images[i]
-        ends = points[[i, (i + 1) % len(points)]]
-        c = curve.control_points
-        legs = scale[i] * np.linalg.norm(c[[1, -2]] - c[[0, -1]], axis=1)
-        sides.data.append((basis, sides.loops, lengths, ends, np.stack([leaving[i], arriving[i]]), legs))
-        sides.inner.append(len(c) - 2)
-    sides.loops += 1
+    # The joint's point is evaluated at one and the same arc length for both curves that meet there.
+    points = target.point(joints[:-1])
+    tangents = np.concatenate([leaving, arriving], axis=1)
+    return list(index), lengths, np.ascontiguousarray(points), tangents, scale[:, None] * known.legs
 
 
-def _smooth_joints(smooth: Sequence[NDArray[np.bool_]], inner: Sequence[int]) -> IntArray:
-    """Sides (before, after) at every smooth joint, (m, 2), whose legs shall lie on one line."""
+def _smooth_joints(smooth: Sequence[NDArray[np.bool_]], loops: Sequence[LoopRegistration]) -> list[tuple[int, int]]:
+    """Sides (before, after) at every smooth joint whose legs shall lie on one line, in the order of the loops."""
     pairs, first = [], 0
-    for flags in smooth:
-        n = len(flags)
-        pairs += [(first + (j - 1) % n, first + j) for j in np.flatnonzero(flags).tolist()]
-        first += n
-    # A curve of one inner control point has no leg of its own at either end.
-    return np.array([(a, b) for a, b in pairs if min(inner[a], inner[b]) > 1], dtype=np.int64).reshape(-1, 2)
+    for flags, loop in zip(smooth, loops, strict=True):
+        # A curve of one inner control point has no leg of its own at either end.
+        free = [len(curve.control_points) > 3 for curve in loop.source.curves]
+        pairs += [
+            (first + (j - 1) % len(flags), first + j)
+            for j, there in enumerate(flags.tolist())
+            if there and free[j - 1] and free[j]
+        ]
+        first += len(flags)
+    return pairs
 
 
-def _iterate(fit: _core.BoundaryFit, joints: IntArray, level_above: float) -> tuple[FloatArray, FloatArray]:
+def _iterate(fit: _core.BoundaryFit, level_above: float) -> tuple[FloatArray, FloatArray]:
     """Gauss–Newton steps on control points, feet and tangents together, then levelling of the largest errors.
 
     Returns the control points of all sides and their errors.
@@ -234,10 +252,11 @@ def _iterate(fit: _core.BoundaryFit, joints: IntArray, level_above: float) -> tu
     levelling, error = False, found[1]
     for step in range(STEPS + LEVELLING):
         fit.linearise(levelling)
-        if step == FREE_STEPS and len(joints):
-            _align(fit, joints)
-        elif step > FREE_STEPS and len(joints):
-            _turn(fit, joints, error)
+        if step == FREE_STEPS:
+            fit.align()
+        elif step > FREE_STEPS:
+            # Sides with large errors have more of a say.
+            fit.turn((0.1 + error / max(float(error.max()), 1e-300)) ** 2, MAX_TURN)
         fit.solve()
         if step < FREE_STEPS:
             continue
@@ -256,46 +275,3 @@ def _iterate(fit: _core.BoundaryFit, joints: IntArray, level_above: float) -> tu
             break
         levelling = settled
     return found
-
-
-def _align(fit: _core.BoundaryFit, joints: IntArray) -> None:
-    """Put both legs of every smooth joint on the mean of their directions."""
-    before, after = joints.T
-    # Turning a leg by an angle moves its control point by length * angle: weigh by the squared length.
-    legs = fit.legs()
-    a, b = legs[before, 1], legs[after, 0]
-    mean = np.linalg.norm(a, axis=1)[:, None] * a + np.linalg.norm(b, axis=1)[:, None] * b
-    size = np.linalg.norm(mean, axis=1)[:, None]
-    _set_lines(fit, joints, np.where(size > 0, mean / np.maximum(size, 1e-300), fit.lines()[after, 0]))
-
-
-def _turn(fit: _core.BoundaryFit, joints: IntArray, error: FloatArray) -> None:
-    """Turn the lines at smooth joints by the minimiser of the sides' quadratic models (a cyclic tridiagonal system)."""
-    before, after = joints.T
-    stiffness, gradient = fit.turning()
-    share = (0.1 + error / max(float(error.max()), 1e-300)) ** 2
-    stiffness, gradient = stiffness * share[:, None, None], gradient * share[:, None]
-    m = len(joints)
-    # Joint at the (start, end) of every side; the last row and column are for ends without one.
-    joint = np.full((len(share), 2), m)
-    joint[after, 0] = joint[before, 1] = np.arange(m)
-    rows, columns = (x.ravel() for x in np.broadcast_arrays(joint[:, :, None], joint[:, None]))
-    right = np.bincount(joint.ravel(), gradient.ravel(), m + 1)[:m]
-    lift = 1e-9 * np.abs(stiffness).sum() / m + 1e-300
-    if m <= DENSE:
-        dense = np.bincount(rows * (m + 1) + columns, stiffness.ravel(), (m + 1) ** 2).reshape(m + 1, m + 1)[:m, :m]
-        angle = np.linalg.solve(dense + lift * np.eye(m), right)
-    else:
-        matrix = coo_array((stiffness.ravel(), (rows, columns)), shape=(m + 1, m + 1)).tocsc()[:m, :m]
-        angle = spsolve(matrix + lift * eye_array(m, format="csc"), right)
-    angle = np.clip(angle, -MAX_TURN, MAX_TURN)[:, None]
-    line = fit.lines()[after, 0]
-    turned = np.cos(angle) * line + np.sin(angle) * np.stack([-line[:, 1], line[:, 0]], axis=1)
-    _set_lines(fit, joints, turned / np.linalg.norm(turned, axis=1)[:, None])
-
-
-def _set_lines(fit: _core.BoundaryFit, joints: IntArray, directions: FloatArray) -> None:
-    before, after = np.ascontiguousarray(joints.T)
-    directions = np.ascontiguousarray(directions)
-    fit.set_lines(before, 1, directions)
-    fit.set_lines(after, 0, directions)

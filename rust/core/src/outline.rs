@@ -89,8 +89,7 @@ impl Outline {
         for piece in 0..m {
             for k in 0..self.intervals {
                 let speed = |x: &f64, scratch: &mut Vec<[f64; 3]>| {
-                    let d = self.on_piece(piece, (k as f64 + 0.5 * (x + 1.0)) / n, scratch).1;
-                    d[0].hypot(d[1])
+                    norm(self.on_piece(piece, (k as f64 + 0.5 * (x + 1.0)) / n, scratch).1)
                 };
                 let sum: f64 = nodes.iter().zip(&weights).map(|(x, w)| w * speed(x, &mut scratch)).sum();
                 total += sum / (2.0 * n);
@@ -150,18 +149,30 @@ impl Outline {
     }
 
     /// Piece and local parameter at arc length `s`, taken modulo the length; at breaks the later piece, or the
-    /// earlier one with `from_left`. Linear in every table interval.
-    fn locate(&self, s: f64, from_left: bool) -> (usize, f64) {
+    /// earlier one with `from_left`. Linear in every table interval; `near` is a row of the table nearby.
+    fn locate(&self, s: f64, from_left: bool, near: usize) -> (usize, f64, usize) {
         let length = self.length();
-        let mut s = s.rem_euclid(length);
+        // The remainder is slow, and seldom needed.
+        let mut s = if (0.0..length).contains(&s) { s } else { s.rem_euclid(length) };
         if from_left && s == 0.0 {
             s = length;
         }
-        let after = self.table.partition_point(|&x| if from_left { x < s } else { x <= s });
-        let k = after.saturating_sub(1).min(self.table.len() - 2);
+        let k = self.row(s, from_left, near);
         let step = (self.table[k + 1] - self.table[k]).max(f64::MIN_POSITIVE);
         let fraction = ((s - self.table[k]) / step).clamp(0.0, 1.0);
-        (k / self.intervals, ((k % self.intervals) as f64 + fraction) / self.intervals as f64)
+        (k / self.intervals, ((k % self.intervals) as f64 + fraction) / self.intervals as f64, k)
+    }
+
+    /// Row of the table whose interval holds `s`; `near` and the one after it are tried first.
+    fn row(&self, s: f64, from_left: bool, near: usize) -> usize {
+        let last = self.table.len() - 2;
+        for k in near..=(near + 1).min(last) {
+            if self.table[k] < s && s < self.table[k + 1] {
+                return k;
+            }
+        }
+        let after = self.table.partition_point(|&x| if from_left { x < s } else { x <= s });
+        after.saturating_sub(1).min(last)
     }
 
     /// Point and derivative with respect to the local parameter (de Casteljau).
@@ -182,21 +193,24 @@ impl Outline {
     }
 
     /// Point and unit tangent `[x, y, tx, ty]` at arc length `s`.
-    pub fn at(&self, s: f64, from_left: bool, scratch: &mut Vec<[f64; 3]>) -> [f64; 4] {
-        let (piece, t) = self.locate(s, from_left);
-        let (point, mut d) = self.on_piece(piece, t, scratch);
-        if d[0].hypot(d[1]) <= 1e-9 * self.length() {
+    pub fn at(&self, s: f64, from_left: bool, scratch: &mut Scratch) -> [f64; 4] {
+        let (piece, t, row) = self.locate(s, from_left, scratch.row);
+        scratch.row = row;
+        let points = &mut scratch.points;
+        let (point, mut d) = self.on_piece(piece, t, points);
+        let mut size = norm(d);
+        if size <= 1e-9 * self.length() {
             // Coinciding end control points: the direction is the limit from inside.
             let inside = if t > 0.5 { t - 1e-3 } else { t + 1e-3 };
-            d = self.on_piece(piece, inside, scratch).1;
+            d = self.on_piece(piece, inside, points).1;
+            size = norm(d).max(f64::MIN_POSITIVE);
         }
-        let size = d[0].hypot(d[1]).max(f64::MIN_POSITIVE);
         [point[0], point[1], d[0] / size, d[1] / size]
     }
 
     /// Points and unit tangents at the arc lengths `s`, `[x, y, tx, ty]` each.
     pub fn evaluate(&self, s: &[f64], from_left: bool) -> Vec<[f64; 4]> {
-        let mut scratch = Vec::with_capacity(self.degree + 1);
+        let mut scratch = Scratch::default();
         s.iter().map(|&s| self.at(s, from_left, &mut scratch)).collect()
     }
 
@@ -205,11 +219,12 @@ impl Outline {
     /// From the nearest chord between samples, found exactly, Newton steps (projection onto the tangent) as long as
     /// the distance falls.
     pub fn nearest(&self, points: &[[f64; 2]]) -> Vec<[f64; 2]> {
-        let mut scratch = vec![];
+        let (mut scratch, mut chord) = (Scratch::default(), 0);
         points
             .iter()
             .map(|point| {
-                let (k, fraction) = self.nearest_chord(point, 0);
+                let (k, fraction) = self.nearest_chord(point, self.downhill(point, chord).0);
+                chord = k;
                 let step = self.table[k + 1] - self.table[k];
                 let [s, distance] = self.foot(point, self.table[k] + fraction * step, step, &mut scratch);
                 [s.rem_euclid(self.length()), distance]
@@ -220,7 +235,7 @@ impl Outline {
     /// Signed turning angles of the tangent at the arc lengths `s`, non-zero at corners only.
     pub fn turn(&self, s: &[f64]) -> Vec<f64> {
         // A position computed by arithmetic may miss the corner by rounding.
-        let (near, mut scratch) = (1e-9 * self.length(), Vec::with_capacity(self.degree + 1));
+        let (near, mut scratch) = (1e-9 * self.length(), Scratch::default());
         s.iter()
             .map(|s| {
                 let [_, _, ax, ay] = self.at(s - near, true, &mut scratch);
@@ -237,20 +252,56 @@ impl Outline {
 
     /// Largest distance of another loop's samples from this one.
     fn farthest(&self, other: &Self) -> f64 {
-        let (mut worst, mut chord, mut scratch) = (0.0, 0, vec![]);
+        let (mut worst, mut chord, mut scratch) = (0.0, 0, Scratch::default());
         for point in other.samples.iter().step_by(other.samples.len().div_ceil(MOST_SAMPLES).max(1)) {
-            // Consecutive points have neighbouring feet.
-            let (k, fraction) = self.nearest_chord(point, chord);
-            chord = k;
-            let step = self.table[k + 1] - self.table[k];
-            let s = self.table[k] + fraction * step;
-            let here = self.at(s, false, &mut scratch);
-            // The foot is nearer still, so it matters only where this point is farther away than any before.
-            if (point[0] - here[0]).hypot(point[1] - here[1]) > worst {
+            let mut distance_at = |(k, fraction): (usize, f64)| {
+                let step = self.table[k + 1] - self.table[k];
+                let s = self.table[k] + fraction * step;
+                let here = self.at(s, false, &mut scratch);
+                (norm([point[0] - here[0], point[1] - here[1]]), s, step)
+            };
+            // Consecutive points have neighbouring feet. Any point of the loop bounds the distance from above, so the
+            // nearest one matters only where this one is farther away than any before.
+            let near = self.downhill(point, chord);
+            chord = near.0;
+            if distance_at(near).0 <= worst {
+                continue;
+            }
+            let nearest = self.nearest_chord(point, chord);
+            chord = nearest.0;
+            let (distance, s, step) = distance_at(nearest);
+            if distance > worst {
                 worst = self.foot(point, s, step, &mut scratch)[1].max(worst);
             }
         }
         worst
+    }
+
+    /// Squared distance of a point from chord `k`, and the fraction of the chord where it is nearest.
+    fn chord(&self, k: usize, p: &[f64; 2]) -> (f64, f64) {
+        let (a, b) = (self.samples[k], self.samples[if k + 1 == self.samples.len() { 0 } else { k + 1 }]);
+        let d = [b[0] - a[0], b[1] - a[1]];
+        let along = (p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1];
+        let t = (along / (d[0] * d[0] + d[1] * d[1]).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let (x, y) = (p[0] - a[0] - t * d[0], p[1] - a[1] - t * d[1]);
+        (x * x + y * y, t)
+    }
+
+    /// Chord from which the distance to `p` grows both ways, walking down from a `guess`.
+    fn downhill(&self, p: &[f64; 2], guess: usize) -> (usize, f64) {
+        let count = self.samples.len();
+        let (mut found, (mut best, mut t)) = (guess, self.chord(guess, p));
+        for step in [1, count - 1] {
+            loop {
+                let next = (found + step) % count;
+                let (distance, fraction) = self.chord(next, p);
+                if distance >= best {
+                    break;
+                }
+                (found, best, t) = (next, distance, fraction);
+            }
+        }
+        (found, t)
     }
 
     /// Nearest chord and the fraction of it where it is nearest, by branch and bound; `guess` is a chord nearby.
@@ -259,25 +310,19 @@ impl Outline {
             let (dx, dy) = ((b[0] - p[0]).max(p[0] - b[2]).max(0.0), (b[1] - p[1]).max(p[1] - b[3]).max(0.0));
             dx * dx + dy * dy
         };
-        let count = self.samples.len();
-        let chord = |k: usize| {
-            let (a, b) = (self.samples[k], self.samples[(k + 1) % count]);
-            let d = [b[0] - a[0], b[1] - a[1]];
-            let along = (p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1];
-            let t = (along / (d[0] * d[0] + d[1] * d[1]).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-            let (x, y) = (p[0] - a[0] - t * d[0], p[1] - a[1] - t * d[1]);
-            (x * x + y * y, t)
-        };
-        let (mut best, t) = chord(guess);
+        let (mut best, t) = self.chord(guess, p);
         let mut found = (guess, t);
-        let mut stack = vec![(1, 0, count, 0.0)];
-        while let Some((at, from, to, bound)) = stack.pop() {
+        // Depth first: one open box a level, and there are no more levels than bits.
+        let (mut stack, mut open) = ([(1, 0, self.samples.len(), 0.0); usize::BITS as usize + 1], 1);
+        while open > 0 {
+            open -= 1;
+            let (at, from, to, bound) = stack[open];
             if bound >= best {
                 continue;
             }
             if to - from <= LEAF {
                 for k in from..to {
-                    let (distance, t) = chord(k);
+                    let (distance, t) = self.chord(k, p);
                     if distance < best {
                         (best, found) = (distance, (k, t));
                     }
@@ -289,20 +334,20 @@ impl Outline {
             let upper = (2 * at + 1, middle, to, outside(&self.boxes[2 * at + 1]));
             // The nearer half is looked at first, so it is pushed last.
             let (near, far) = if lower.3 <= upper.3 { (lower, upper) } else { (upper, lower) };
-            stack.push(far);
-            stack.push(near);
+            (stack[open], stack[open + 1]) = (far, near);
+            open += 2;
         }
         found
     }
 
     /// Foot of the perpendicular from a point, starting at `s`, by Newton steps no longer than `reach`.
-    fn foot(&self, point: &[f64; 2], s: f64, reach: f64, scratch: &mut Vec<[f64; 3]>) -> [f64; 2] {
+    fn foot(&self, point: &[f64; 2], s: f64, reach: f64, scratch: &mut Scratch) -> [f64; 2] {
         let small = 1e-9 * self.length();
         let (mut at, mut best) = (s, [s, f64::INFINITY]);
         for _ in 0..FOOT_STEPS {
             let here = self.at(at, false, scratch);
             let offset = [point[0] - here[0], point[1] - here[1]];
-            let distance = offset[0].hypot(offset[1]);
+            let distance = norm(offset);
             if distance >= best[1] {
                 break;
             }
@@ -315,6 +360,18 @@ impl Outline {
         }
         best
     }
+}
+
+/// Room for an evaluation, and where the last one was: the next one is often nearby.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    points: Vec<[f64; 3]>,
+    row: usize,
+}
+
+/// Faster than `hypot`, whose range coordinates do not need.
+fn norm([x, y]: [f64; 2]) -> f64 {
+    (x * x + y * y).sqrt()
 }
 
 fn leaves(chords: usize) -> usize {

@@ -1,24 +1,23 @@
 //! Bindings of `patchtransfer_core::boundary_fit`.
 
-use crate::convert::{points2, rows};
+use crate::convert::points2;
 use crate::outline::Outline;
 use crate::threads;
-use numpy::ndarray::{Array2, Array3};
-use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
-};
-use patchtransfer_core::boundary_fit::{Basis, BoundaryFit as Core, FEW_SIDES, Side, SideData};
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use patchtransfer_core::boundary_fit::{BoundaryFit as Core, FEW_SIDES};
+use patchtransfer_core::side_fit::{Basis, Side, SideData};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// `(basis, outline, lengths, ends, tangents, legs)` as handed over from Python.
-type SideTuple<'py> = (
-    usize,
-    usize,
+/// The sides of a loop as handed over from Python: indices of bases (n,), arc lengths of all samples, the joints' points
+/// (n, 2), tangents leaving and arriving (n, 4), and lengths of the legs (n, 2).
+type LoopTuple<'py> = (
+    Vec<usize>,
     PyReadonlyArray1<'py, f64>,
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f64>,
-    PyReadonlyArray1<'py, f64>,
+    PyReadonlyArray2<'py, f64>,
 );
 
 /// Sides of a boundary and the state of their fit.
@@ -27,16 +26,44 @@ struct BoundaryFit {
     outlines: Vec<Py<Outline>>,
     bases: Vec<Basis>,
     sides: Vec<Side>,
+    joints: Vec<[usize; 2]>,
 }
 
-fn pair(array: &PyReadonlyArray2<'_, f64>) -> PyResult<[[f64; 2]; 2]> {
-    points2(array)?.try_into().map_err(|_| PyValueError::new_err("expected shape (2, 2)"))
+fn mismatch(what: &str) -> PyErr {
+    PyValueError::new_err(format!("{what} do not fit"))
 }
 
-/// An (n, 2, 2) array.
-fn pairs<'py>(py: Python<'py>, values: &[[[f64; 2]; 2]]) -> Bound<'py, PyArray3<f64>> {
-    let flat = values.as_flattened().as_flattened().to_vec();
-    Array3::from_shape_vec((values.len(), 2, 2), flat).expect("sizes agree").into_pyarray(py)
+fn read_loop(
+    outline: usize,
+    (indices, lengths, points, tangents, legs): &LoopTuple<'_>,
+    bases: &[Basis],
+    slide_error: f64,
+) -> PyResult<Vec<Side>> {
+    let n = indices.len();
+    let (lengths, points, legs) = (lengths.as_slice()?, points2(points)?, points2(legs)?);
+    if points.len() != n || legs.len() != n || tangents.shape() != [n, 4] {
+        return Err(mismatch("points, tangents or legs of a loop"));
+    }
+    let (tangents, mut at) = (tangents.as_array(), 0);
+    let mut sides = Vec::with_capacity(n);
+    for (i, &basis) in indices.iter().enumerate() {
+        let known = bases.get(basis).ok_or_else(|| mismatch("bases"))?;
+        let count = known.values.len() / known.n;
+        if count < 3 || at + count > lengths.len() {
+            return Err(mismatch("arc lengths of a loop"));
+        }
+        let data = SideData {
+            basis,
+            outline,
+            lengths: lengths[at..at + count].to_vec(),
+            ends: [points[i], points[(i + 1) % n]],
+            tangents: [[tangents[(i, 0)], tangents[(i, 1)]], [tangents[(i, 2)], tangents[(i, 3)]]],
+            legs: legs[i],
+        };
+        at += count;
+        sides.push(Side::new(data, known, slide_error));
+    }
+    if at == lengths.len() { Ok(sides) } else { Err(mismatch("arc lengths of a loop")) }
 }
 
 #[pymethods]
@@ -46,7 +73,8 @@ impl BoundaryFit {
         py: Python<'_>,
         outlines: Vec<Py<Outline>>,
         bases: Vec<PyReadonlyArray2<'_, f64>>,
-        sides: Vec<SideTuple<'_>>,
+        loops: Vec<LoopTuple<'_>>,
+        joints: Vec<(usize, usize)>,
         slide_error: f64,
     ) -> PyResult<Self> {
         let bases: Vec<Basis> = bases
@@ -59,25 +87,18 @@ impl BoundaryFit {
                 Ok(Basis::new(n, b.as_array().iter().copied().collect()))
             })
             .collect::<PyResult<_>>()?;
-        let read = |(basis, outline, lengths, ends, tangents, legs): &SideTuple<'_>| {
-            let lengths = lengths.as_array().to_vec();
-            let known = bases.get(*basis).is_some_and(|b| b.values.len() == b.n * lengths.len());
-            if !known || *outline >= outlines.len() || lengths.len() < 3 || legs.len() != 2 {
-                return Err(PyValueError::new_err("side: basis, outline, lengths or legs do not fit"));
-            }
-            let legs = [legs.as_array()[0], legs.as_array()[1]];
-            let data = SideData {
-                basis: *basis,
-                outline: *outline,
-                lengths,
-                ends: pair(ends)?,
-                tangents: pair(tangents)?,
-                legs,
-            };
-            Ok(Side::new(data, &bases[*basis], slide_error))
-        };
-        let sides = sides.iter().map(read).collect::<PyResult<Vec<_>>>()?;
-        let mut fit = Self { outlines, bases, sides };
+        if outlines.len() != loops.len() {
+            return Err(mismatch("outlines and loops"));
+        }
+        let mut sides = vec![];
+        for (k, of_loop) in loops.iter().enumerate() {
+            sides.extend(read_loop(k, of_loop, &bases, slide_error)?);
+        }
+        if joints.iter().any(|&(a, b)| a >= sides.len() || b >= sides.len()) {
+            return Err(mismatch("joints"));
+        }
+        let joints = joints.into_iter().map(|(a, b)| [a, b]).collect();
+        let mut fit = Self { outlines, bases, sides, joints };
         fit.with(py, |mut core| core.start())?;
         Ok(fit)
     }
@@ -94,52 +115,25 @@ impl BoundaryFit {
         self.with(py, |mut core| core.hold_ends(cosine))
     }
 
+    fn align(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.with(py, |mut core| core.align())
+    }
+
+    /// Turn the lines at smooth joints, by at most `most`; `shares` (n,) weigh the sides.
+    fn turn(&mut self, py: Python<'_>, shares: PyReadonlyArray1<'_, f64>, most: f64) -> PyResult<()> {
+        let shares = shares.as_slice()?;
+        if shares.len() != self.sides.len() {
+            return Err(mismatch("shares"));
+        }
+        self.with(py, |mut core| core.turn(shares, most))
+    }
+
     fn errors<'py>(&mut self, py: Python<'py>, whole: bool) -> PyResult<Bound<'py, PyArray1<f64>>> {
         Ok(self.with(py, |core| core.errors(whole))?.into_pyarray(py))
     }
 
     fn backwards(&mut self, py: Python<'_>) -> PyResult<f64> {
         self.with(py, |core| core.backwards())
-    }
-
-    /// Stiffness (n, 2, 2) against turning the legs, and minus the gradient (n, 2) in their angles.
-    #[allow(clippy::type_complexity)]
-    fn turning<'py>(
-        &mut self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray3<f64>>, Bound<'py, PyArray2<f64>>)> {
-        let (stiffness, gradient): (Vec<_>, Vec<_>) =
-            self.with(py, |core| core.turning())?.into_iter().unzip();
-        Ok((pairs(py, &stiffness), rows(py, &gradient)))
-    }
-
-    fn legs<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        Ok(pairs(py, &self.with(py, |core| core.legs())?))
-    }
-
-    fn lines<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        Ok(pairs(py, &self.with(py, |core| core.lines())?))
-    }
-
-    /// Put legs (side, end) on lines along the rows of `directions`.
-    fn set_lines(
-        &mut self,
-        py: Python<'_>,
-        sides: PyReadonlyArray1<'_, i64>,
-        end: usize,
-        directions: PyReadonlyArray2<'_, f64>,
-    ) -> PyResult<()> {
-        let (sides, directions) = (sides.as_array().to_vec(), points2(&directions)?);
-        let count = self.sides.len();
-        if sides.len() != directions.len()
-            || end > 1
-            || sides.iter().any(|&s| usize::try_from(s).map_or(true, |s| s >= count))
-        {
-            return Err(PyValueError::new_err("sides, end or directions do not fit"));
-        }
-        self.with(py, |mut core| {
-            sides.iter().zip(directions).for_each(|(&side, d)| core.set_line(side as usize, end, d))
-        })
     }
 
     /// Control points of all sides, one after the other.
@@ -154,7 +148,7 @@ impl BoundaryFit {
     fn with<T: Send>(&mut self, py: Python<'_>, work: impl FnOnce(Core<'_>) -> T + Send) -> PyResult<T> {
         let outlines = self.outlines.iter().map(|o| &o.get().core).collect();
         let few = self.sides.len() < FEW_SIDES;
-        let core = Core::new(outlines, &self.bases, &mut self.sides);
+        let core = Core::new(outlines, &self.bases, &mut self.sides, &self.joints);
         // Going over to the pool takes longer than a step with few sides.
         if few { Ok(py.detach(|| work(core))) } else { threads::run(py, || work(core)) }
     }
