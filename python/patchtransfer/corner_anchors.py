@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 
 from .boundary_shape import corners, cyclic_gap, image_of
 from .outline import Outline
 from .splines import FloatArray
+from .topology import IntArray
 
 __all__ = ["close_turn", "corners_between", "missed_corners", "snap_corners"]
 
@@ -22,18 +21,28 @@ MAX_WARNINGS = 5
 
 def corners_between(anchors: FloatArray, source: Outline, target: Outline) -> FloatArray:
     """Add the corners between landmarks where both arcs have equally many, turning alike, in order."""
-    (s, turn_s), (t, turn_t) = corners(source), corners(target)
-    rows = [anchors[:1]]
-    for (s0, t0), (s1, t1) in itertools.pairwise(anchors):
-        at_s, at_t = s0 + np.mod(s - s0, source.length), t0 + np.mod(t - t0, target.length)
-        near_s, near_t = CORNER_SNAP * source.length, CORNER_SNAP * target.length
-        inside_s = np.flatnonzero((at_s > s0 + near_s) & (at_s < s1 - near_s))
-        inside_t = np.flatnonzero((at_t > t0 + near_t) & (at_t < t1 - near_t))
-        i, j = inside_s[np.argsort(at_s[inside_s])], inside_t[np.argsort(at_t[inside_t])]
-        if len(i) == len(j) and (abs(turn_s[i] - turn_t[j]) < CORNER_DIFFERENCE).all():
-            rows.append(np.column_stack([at_s[i], at_t[j]]))
-        rows.append(np.array([[s1, t1]]))
-    return close_turn(np.concatenate(rows)[:-1], source, target, anchors)
+    (s, turn_s, arc_s), (t, turn_t, arc_t) = (
+        _corners_inside(anchors[:, column], outline) for column, outline in ((0, source), (1, target))
+    )
+    n = len(anchors) - 1
+    equal = np.bincount(arc_s, minlength=n) == np.bincount(arc_t, minlength=n)
+    i, j = np.flatnonzero(equal[arc_s]), np.flatnonzero(equal[arc_t])
+    equal[arc_s[i[abs(turn_s[i] - turn_t[j]) >= CORNER_DIFFERENCE]]] = False
+    i, j = i[equal[arc_s[i]]], j[equal[arc_t[j]]]
+    rows = np.concatenate([anchors[:-1], np.column_stack([s[i], t[j]])])
+    return close_turn(rows, source, target, anchors)
+
+
+def _corners_inside(ends: FloatArray, outline: Outline) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Arc lengths, turning angles and arcs of the corners that are not next to an end of their arc, in order."""
+    at, turn = corners(outline)
+    at = ends[0] + np.mod(at - ends[0], outline.length)
+    order = np.argsort(at)
+    at, turn = at[order], turn[order]
+    arc = np.clip(np.searchsorted(ends, at, side="right") - 1, 0, len(ends) - 2)
+    near = CORNER_SNAP * outline.length
+    inside = (at > ends[arc] + near) & (at < ends[arc + 1] - near)
+    return at[inside], turn[inside], arc[inside]
 
 
 def missed_corners(target: Outline, joints: FloatArray, k: int) -> list[str]:

@@ -293,8 +293,8 @@ def _landmark_rows(source: Outline, target: Outline, anchors: FloatArray, featur
 
 def _outlines(target: Boundary) -> list[Outline]:
     """Outlines of the target, largest area first, turned so that the domain is on the left."""
-    _check_curves(target)
     outlines = [Outline(loop) for loop in target.loops]
+    _check_curves(target, outlines)
     _check_loops(outlines)
     outlines.sort(key=lambda outline: -abs(outline.area))
     return [
@@ -303,16 +303,15 @@ def _outlines(target: Boundary) -> list[Outline]:
     ]
 
 
-def _check_curves(target: Boundary) -> None:
+def _check_curves(target: Boundary, outlines: Sequence[Outline]) -> None:
     """Raise `InputError` on curves without length."""
-    for k, loop in enumerate(target.loops):
-        for i, curve in enumerate(loop):
-            if np.linalg.norm(np.ptp(curve.control_points, axis=0)) <= SHORTEST * target.diameter:
-                x, y = curve.start
-                raise InputError(
-                    f"target boundary: loop {k}, curve {i} at ({x:.6g}, {y:.6g}) has no length (a point given twice?); "
-                    "delete it"
-                )
+    for k, outline in enumerate(outlines):
+        for i in np.flatnonzero(np.diff(outline.joints) <= SHORTEST * target.diameter):
+            x, y = outline.curves[i].start
+            raise InputError(
+                f"target boundary: loop {k}, curve {i} at ({x:.6g}, {y:.6g}) has no length (a point given twice?); "
+                "delete it"
+            )
 
 
 def _check_loops(outlines: Sequence[Outline]) -> None:
