@@ -25,20 +25,26 @@ class Outline:
     ----------
     curves : sequence of BSplineCurve
         Each ends where the next starts. NURBS are evaluated as such.
-
-    Attributes
-    ----------
-    length : float
-        Total length.
-    joints : (n_curves + 1,) array
-        Arc length where every curve starts; the last entry is the total length.
     """
 
     def __init__(self, curves: Sequence[BSplineCurve]) -> None:
         self.curves = tuple(curves)
-        self.core = _core.Outline([(c.knots, c.degree, c.control_points, c.weights) for c in self.curves])
-        self.length = self.core.length
-        self.joints = self.core.joints
+
+    # Built when asked for: results bring their outlines from other processes, and few are ever used there.
+    @cached_property
+    def core(self) -> _core.Outline:
+        """The curves in the core, with their arc-length table."""
+        return _core.Outline([(c.knots, c.degree, c.control_points, c.weights) for c in self.curves])
+
+    @cached_property
+    def length(self) -> float:
+        """Total length."""
+        return self.core.length
+
+    @cached_property
+    def joints(self) -> FloatArray:
+        """Arc length where every curve starts, (n_curves + 1,); the last entry is the total length."""
+        return self.core.joints
 
     def __reduce__(self) -> tuple[type[Outline], tuple[tuple[BSplineCurve, ...]]]:
         return Outline, (self.curves,)

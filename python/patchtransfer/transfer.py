@@ -31,6 +31,7 @@ from .registration import Registration, register
 from .result import TransferResult
 from .sliding import Slid, movable_joints, slide_joints
 from .splines import FloatArray, Patch
+from .task import TransferTask
 from .topology import CORNERS
 
 __all__ = ["Refilled", "TransferPlan", "transfer"]
@@ -232,7 +233,7 @@ class TransferPlan:
         **options
             As in `transfer`.
         """
-        task = _Task(self, options)
+        task = TransferTask(self, options)
         return map(task, targets) if executor is None else executor.map(task, targets)
 
     def refill(self, points: ArrayLike, progress: Progress | None = None) -> Refilled:
@@ -466,15 +467,3 @@ class Refilled(NamedTuple):
     multipatch: MultiPatch
     certificate: Certificate
     log: tuple[str, ...]
-
-
-class _Task:
-    """A plan's transfer with its options, picklable for process pools."""
-
-    def __init__(self, plan: TransferPlan, options: dict[str, object]) -> None:
-        self.plan, self.options = plan, options
-
-    def __call__(self, target: Boundary | tuple[Boundary, ArrayLike]) -> TransferResult:
-        if isinstance(target, Boundary):
-            return self.plan.transfer(target, **self.options)  # type: ignore[arg-type]
-        return self.plan.transfer(*target, **self.options)  # type: ignore[arg-type]

@@ -1,0 +1,59 @@
+"""A plan's transfer as a task for an executor's threads or processes."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from functools import cached_property
+from typing import TYPE_CHECKING
+from uuid import uuid4
+
+from numpy.typing import ArrayLike
+
+from .multipatch import Boundary
+from .result import TransferResult
+
+if TYPE_CHECKING:
+    from .transfer import TransferPlan
+
+__all__ = ["TransferTask"]
+
+#: Tasks that arrived in this process, the latest last, and how many of them are kept.
+_arrivals: dict[str, TransferTask] = {}
+KEPT_TASKS = 2
+
+
+class TransferTask:
+    """A plan's transfer with its options.
+
+    A process pool pickles it with every target. It arrives as bytes that are read only once a process, so that the plan
+    there keeps its factorizations from one target to the next.
+    """
+
+    def __init__(self, plan: TransferPlan, options: dict[str, object]) -> None:
+        self.plan, self.options = plan, options
+        self.name = uuid4().hex
+
+    def __call__(self, target: Boundary | tuple[Boundary, ArrayLike]) -> TransferResult:
+        """Transfer to a target, or to a pair of target and landmarks."""
+        if isinstance(target, Boundary):
+            return self.plan.transfer(target, **self.options)  # type: ignore[arg-type]
+        return self.plan.transfer(*target, **self.options)  # type: ignore[arg-type]
+
+    def __reduce__(self) -> tuple[Callable[[str, bytes], TransferTask], tuple[str, bytes]]:
+        return _arrived, (self.name, self._content)
+
+    @cached_property
+    def _content(self) -> bytes:
+        return pickle.dumps((self.plan, self.options))
+
+
+def _arrived(name: str, content: bytes) -> TransferTask:
+    task = _arrivals.get(name)
+    if task is None:
+        task = TransferTask(*pickle.loads(content))
+        task.name = name
+        _arrivals[name] = task
+        for old in list(_arrivals)[:-KEPT_TASKS]:
+            _arrivals.pop(old, None)
+    return task
