@@ -260,8 +260,8 @@ def test_rows_that_hold_have_no_residual_in_the_report():
     result = pt.transfer(source, target, landmarks, "c1")
     assert not result.rows.released
     assert not result.rows.without
-    assert result.rows.residual < 1e-14
-    assert result.continuity.c1_residual < 1e-14
+    assert result.rows.residual < 1e-13
+    assert result.continuity.c1_residual < 1e-13
     # With one row moved the others still say what the ratio is.
     mp, f = result.multipatch, result.multipatch.interfaces[0]
     points = mp.topology.coordinates.copy()
@@ -271,7 +271,7 @@ def test_rows_that_hold_have_no_residual_in_the_report():
     assert found[0].c1_residual > 1e-4
     apart = [g for g in found if f.patch_a not in (g.interface.patch_a, g.interface.patch_b)]
     assert apart
-    assert max(g.c1_residual for g in apart) < 1e-14
+    assert max(g.c1_residual for g in apart) < 1e-13
 
 
 @pytest.mark.parametrize("weights", [False, True])

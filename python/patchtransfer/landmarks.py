@@ -15,6 +15,8 @@ __all__ = ["landmark_anchors", "pair_by_landmarks", "place_landmarks", "read_lan
 
 #: Landmarks farther from the boundary than this fraction of the diameter are refused.
 SNAP_DISTANCE = 0.01
+#: Landmarks closer than this fraction of the loop are the same point.
+SAME_POINT = 1e-9
 
 
 def read_landmark_rows(landmarks: ArrayLike | None) -> FloatArray:
@@ -72,14 +74,26 @@ def pair_by_landmarks(placed: NDArray[np.void]) -> dict[int, int]:
 def landmark_anchors(placed: NDArray[np.void], source: Outline, target: Outline, loop: int) -> FloatArray:
     """Sorted landmark positions on a loop, a full turn; `InputError` when their order is reversed or crossing."""
     placed = placed[np.argsort(placed["s"], kind="stable")]
-    s, t, row = placed["s"], placed["t"], placed["row"] + 1
+    s, t = placed["s"], placed["t"]
     t = t[0] + np.mod(t - t[0], target.length)
+    anchors = np.column_stack([np.append(s, s[0] + source.length), np.append(t, t[0] + target.length)])
+    steps = anchors[1:] - anchors[:-1]
+    if (steps > SAME_POINT * np.array([source.length, target.length])).all():
+        return anchors
+    _raise_disorder(s, t, placed["row"] + 1, source, target, loop)
+    return anchors
+
+
+def _raise_disorder(
+    s: FloatArray, t: FloatArray, row: NDArray[np.int64], source: Outline, target: Outline, loop: int
+) -> None:
+    """Raise `InputError` naming the rows that are one point, run backwards or cross."""
     for where, position, length in (("source", s, source.length), ("target", t, target.length)):
         around = np.mod(position, length)
         order = np.argsort(around, kind="stable")
         # The gap from the last to the first counts too: rounding puts a loop's start at either end.
         gaps = np.diff(around[order], append=around[order[0]] + length)
-        if len(gaps) > 1 and gaps.min() <= 1e-9 * length:
+        if len(gaps) > 1 and gaps.min() <= SAME_POINT * length:
             i = int(gaps.argmin())
             first, second = sorted((int(row[order[i]]), int(row[order[(i + 1) % len(order)]])))
             raise InputError(
@@ -97,4 +111,3 @@ def landmark_anchors(placed: NDArray[np.void], source: Outline, target: Outline,
                 f"landmark rows {row[i - 1]} and {row[i]} cross: along loop {loop} they come in one order on the "
                 "source and in the other on the target"
             )
-    return np.column_stack([np.append(s, s[0] + source.length), np.append(t, t[0] + target.length)])

@@ -171,11 +171,16 @@ class MultiPatch:
 
     def with_shared_points(self, points: FloatArray) -> MultiPatch:
         """The same with the shared control points (n_points, 2) of `topology`: both sides of interfaces bit-equal."""
-        indices = self.topology.points
-        moved = self._with_patches(
-            tuple(patch.with_control_points(points[i]) for patch, i in zip(self.patches, indices, strict=True))
-        )
-        moved.topology.__dict__["coordinates"] = frozen_array(points, "shared control points")
+        shared = frozen_array(points, "shared control points")
+        if shared.shape != (self.topology.n_points, 2):
+            raise InputError(f"shared control points must have shape {(self.topology.n_points, 2)}, got {shared.shape}")
+        patches = []
+        for patch, i in zip(self.patches, self.topology.points, strict=True):
+            own = shared[i]
+            own.flags.writeable = False
+            patches.append(patch._moved(own))
+        moved = self._with_patches(tuple(patches))
+        moved.topology.__dict__["coordinates"] = shared
         return moved
 
     def _with_patches(self, patches: tuple[Patch, ...]) -> MultiPatch:

@@ -9,7 +9,6 @@ import numpy as np
 
 from . import _core
 from .splines import BSplineCurve, FloatArray
-from .topology import polygon_area
 
 __all__ = ["Outline", "hausdorff"]
 
@@ -104,7 +103,7 @@ class Outline:
     @cached_property
     def area(self) -> float:
         """Signed area, positive when the loop runs counter-clockwise (from 4 to 16 samples a Bézier piece)."""
-        return polygon_area(self.samples[1])
+        return self.core.area
 
 
 def hausdorff(a: Outline, b: Outline) -> float:

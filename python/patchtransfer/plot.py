@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .areas import polygon_area
 from .errors import InputError
 from .io.atomic import write_atomic
 from .multipatch import Boundary, MultiPatch
 from .plot_continuity import slope_difference
 from .quality import sample
 from .splines import BSplineCurve, FloatArray, knot_spans
-from .topology import polygon_area
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

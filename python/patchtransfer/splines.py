@@ -371,10 +371,12 @@ class Patch:
         if points.shape != self.control_points.shape:
             shape = self.control_points.shape
             raise InputError(f"patch control points must keep their shape {shape}, got {points.shape}")
-        # Knots and weights are immutable and checked already.
+        return self._moved(points)
+
+    def _moved(self, control_points: FloatArray) -> Patch:
+        """The patch with control points that are read-only and checked already, as knots and weights are."""
         patch = object.__new__(Patch)
-        for name, value in (*self.__dict__.items(), ("control_points", points)):
-            object.__setattr__(patch, name, value)
+        patch.__dict__.update(self.__dict__, control_points=control_points)
         return patch
 
     def grid(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> FloatArray:

@@ -7,23 +7,25 @@ carries a sign, and "the domain on the left" of a boundary side is decided with 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import cached_property
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from .areas import side_areas, signed_areas
 from .errors import InputError
 from .multipatch import Interface, MultiPatch, Side
-from .splines import BSplineCurve, FloatArray, Patch, collocation_matrix, reverse_knots
+from .splines import BSplineCurve, FloatArray, Patch, reverse_knots
 
 __all__ = ["BoundarySide", "Spoke", "Topology", "Vertex", "check_interfaces", "infer_interfaces"]
 
 IntArray = NDArray[np.int64]
+T = TypeVar("T")
 
 #: Side control points closer than this (relative to the diameter) are the same point. Files are often written
 #: with six digits.
@@ -186,6 +188,36 @@ def identify(shapes: Sequence[tuple[int, int]], interfaces: Sequence[Interface])
     return points, len(first_seen)
 
 
+class _Once(Generic[T]):
+    """Property that is found once for all topologies of the same shapes, knots and interfaces."""
+
+    def __init__(self, find: Callable[[Any], T], oriented: bool) -> None:
+        self.find, self.oriented = find, oriented
+        self.__doc__ = find.__doc__
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, topology: Topology, owner: type) -> T:
+        if topology is None:
+            return self  # type: ignore[unreachable]
+        key = self.name + topology.orientation.astype(np.int8).tobytes().hex() if self.oriented else self.name
+        if key not in topology.kept:
+            topology.kept[key] = self.find(topology)
+        found: T = topology.kept[key]
+        return found
+
+
+def combinatorial(find: Callable[[Any], T]) -> _Once[T]:
+    """Property that depends on shapes, knots and interfaces alone."""
+    return _Once(find, False)
+
+
+def oriented(find: Callable[[Any], T]) -> _Once[T]:
+    """Property that depends on the patches' orientation besides."""
+    return _Once(find, True)
+
+
 class Topology:
     """Combinatorics of a multi-patch, computed once.
 
@@ -202,7 +234,7 @@ class Topology:
         The outer loop first, the domain on the left.
     vertices : tuple of Vertex
     kept : dict
-        What later stages keep that depends on shapes, knots and interfaces alone: one for all control points.
+        What depends on shapes, knots and interfaces alone, of later stages too: one for all control points.
     """
 
     def __init__(self, multipatch: MultiPatch) -> None:
@@ -210,7 +242,7 @@ class Topology:
         self.patches = multipatch.patches
         self.interfaces = multipatch.interfaces
         self.points, self.n_points = identify([p.shape for p in self.patches], self.interfaces)
-        self.orientation = np.where(signed_areas(self.patches) >= 0, 1, -1)
+        self.orientation = np.where(signed_areas(self.patches, self.kept) >= 0, 1, -1)
         glued = {(f.patch_a, f.side_a) for f in self.interfaces} | {(f.patch_b, f.side_b) for f in self.interfaces}
         self.boundaries = tuple((k, s) for k in range(len(self.patches)) for s in Side if (k, s) not in glued)
 
@@ -219,15 +251,12 @@ class Topology:
         other = object.__new__(Topology)
         other.patches, other.interfaces, other.kept = patches, self.interfaces, self.kept
         other.points, other.n_points, other.boundaries = self.points, self.n_points, self.boundaries
-        other.orientation = np.where(signed_areas(patches) >= 0, 1, -1)
-        combinatorial = ["boundary_points", "interior_points", "n_components", "vertices", "glued_entries", "knot_gaps"]
-        # Loops are traversed by orientation, and ordered by area, so they carry over only with both.
-        if (other.orientation == self.orientation).all():
-            combinatorial += ["directed_interfaces", "spokes", "directed_chords", "_chains"]
-            if len(self.__dict__.get("loops", ())) == 1:
-                combinatorial.append("loops")
-        other.__dict__.update({name: self.__dict__[name] for name in combinatorial if name in self.__dict__})
+        other.orientation = np.where(signed_areas(patches, self.kept) >= 0, 1, -1)
         return other
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Found again faster than sent.
+        return self.__dict__ | {"kept": {}}
 
     @cached_property
     def coordinates(self) -> FloatArray:
@@ -245,7 +274,7 @@ class Topology:
         np.logical_or.at(differ, flat, (first[flat] != control).any(axis=1))
         return np.where(differ[:, None], mean, first)
 
-    @cached_property
+    @combinatorial
     def glued_entries(self) -> tuple[IntArray, IntArray, IntArray]:
         """Control points that interfaces glue, numbered patch by patch, on side a and on side b; where each starts."""
         offsets = np.concatenate([[0], np.cumsum([points.size for points in self.points])])
@@ -260,7 +289,7 @@ class Topology:
             starts.append(starts[-1] + len(first))
         return np.concatenate(a), np.concatenate(b), np.array(starts[:-1], np.int64)
 
-    @cached_property
+    @combinatorial
     def knot_gaps(self) -> tuple[float, ...]:
         """Largest difference of the two sides' knots, mapped to [0, 1], interface by interface."""
         gaps = []
@@ -276,18 +305,18 @@ class Topology:
             gaps.append(float(np.abs(a / a[-1] - b / b[-1]).max()))
         return tuple(gaps)
 
-    @cached_property
+    @combinatorial
     def boundary_points(self) -> IntArray:
         """Sorted indices of the shared control points on the boundary."""
         sides = [side.of(self.points[k]) for k, side in self.boundaries]
         return np.unique(np.concatenate([np.empty(0, int), *sides]))
 
-    @cached_property
+    @combinatorial
     def interior_points(self) -> IntArray:
         """Sorted indices of the shared control points off the boundary: the unknowns of a transfer."""
         return np.setdiff1d(np.arange(self.n_points), self.boundary_points)
 
-    @cached_property
+    @combinatorial
     def n_components(self) -> int:
         """Number of connected components."""
         a = [f.patch_a for f in self.interfaces]
@@ -311,9 +340,11 @@ class Topology:
             When boundary sides do not chain into loops (inconsistent orientation) or loops touch in a vertex.
         """
         # The domain is on the left, so the outer loop is the one that runs counter-clockwise.
-        return tuple(sorted(self._chains, key=lambda loop: -self._loop_area(loop)))
+        if len(self._chains) < 2:
+            return self._chains
+        return tuple(self._chains[k] for k in np.argsort(-self._loop_areas(), kind="stable"))
 
-    @cached_property
+    @oriented
     def _chains(self) -> tuple[tuple[BoundarySide, ...], ...]:
         """The loops in the order of their first sides."""
         start: dict[int, BoundarySide] = {}
@@ -347,13 +378,19 @@ class Topology:
             loops.append(tuple(loop))
         return tuple(loops)
 
-    def _loop_area(self, loop: Sequence[BoundarySide]) -> float:
-        """Signed area that a loop encloses."""
-        first = self.coordinates[loop[0].points(self.points[loop[0].patch])[0]]
-        signs = np.array([-1 if side.reversed else 1 for side in loop])
-        return float(signs @ side_areas([(self.patches[side.patch], side.side, first) for side in loop]))
+    def _loop_areas(self) -> FloatArray:
+        """Signed areas that the chains enclose."""
+        sides: list[tuple[Patch, Side, FloatArray]] = []
+        signs: list[float] = []
+        starts: list[int] = []
+        for loop in self._chains:
+            starts.append(len(sides))
+            first = self.coordinates[loop[0].points(self.points[loop[0].patch])[0]]
+            sides += [(self.patches[side.patch], side.side, first) for side in loop]
+            signs += [-1.0 if side.reversed else 1.0 for side in loop]
+        return np.asarray(np.add.reduceat(signs * side_areas(sides), starts))
 
-    @cached_property
+    @combinatorial
     def vertices(self) -> tuple[Vertex, ...]:
         """Patch corners, shared ones once, in the order of the shared control points."""
         around: dict[int, list[tuple[int, int]]] = defaultdict(list)
@@ -363,12 +400,12 @@ class Topology:
         boundary = set(self.boundary_points.tolist())
         return tuple(Vertex(v, tuple(around[v]), v not in boundary) for v in sorted(around))
 
-    @cached_property
+    @oriented
     def directed_interfaces(self) -> tuple[BoundarySide, ...]:
         """Side a of every interface, run with patch a on its left."""
         return tuple(self.directed_side(f.patch_a, f.side_a) for f in self.interfaces)
 
-    @cached_property
+    @oriented
     def spokes(self) -> dict[int, tuple[Spoke, ...]]:
         """Interface ends around every vertex, counter-clockwise; by shared control point.
 
@@ -401,7 +438,7 @@ class Topology:
                 ends[f.patch_b, f.side_b, last] = Spoke(index, (last != f.reversed) != directed.reversed)
         return ends
 
-    @cached_property
+    @oriented
     def directed_chords(self) -> tuple[tuple[tuple[int, bool], ...], ...]:
         """Interfaces joined through opposite edges of interior valence-4 vertices, as pairs (index, forward).
 
@@ -443,52 +480,3 @@ def _chain(around: list[Spoke], follows: dict[Spoke, Spoke]) -> tuple[Spoke, ...
     while (following := follows.get(chain[-1])) is not None and following not in chain:
         chain.append(following)
     return tuple(chain)
-
-
-def polygon_area(points: FloatArray) -> float:
-    """Signed area of a closed polygon (n, 2)."""
-    # About a vertex: far from the origin the products would lose the area.
-    x, y = (points - points[0]).T
-    return float(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)))
-
-
-def signed_areas(patches: Sequence[Patch]) -> FloatArray:
-    """Signed areas of patches by the boundary integral ½∮ x dy - y dx, exact up to rounding.
-
-    For a rational patch its sides' control polygon is taken, whose area has the same sign unless the sides bend
-    strongly; the certificate checks the sign.
-    """
-    around = (Side.SOUTH, Side.EAST, Side.NORTH, Side.WEST)
-    areas = side_areas([(patch, side, patch.control_points[0, 0]) for patch in patches for side in around])
-    return np.asarray(areas.reshape(-1, 4) @ [1.0, 1.0, -1.0, -1.0])
-
-
-def side_areas(sides: Sequence[tuple[Patch, Side, FloatArray]]) -> FloatArray:
-    """½∫ x dy - y dx along sides of patches in the sense of their parameters, each about an origin."""
-    areas = np.empty(len(sides))
-    groups: dict[tuple[bytes, int], list[int]] = defaultdict(list)
-    for k, (patch, side, origin) in enumerate(sides):
-        if patch.weights is None:
-            groups[patch.knots[side.axis].tobytes(), patch.degrees[side.axis]].append(k)
-        else:
-            x, y = (side.of(patch.control_points) - origin).T
-            areas[k] = 0.5 * (x[:-1] @ y[1:] - y[:-1] @ x[1:])
-    for key, members in groups.items():
-        points = np.array([sides[k][1].of(sides[k][0].control_points) for k in members])
-        x, y = (points - np.array([sides[k][2] for k in members])[:, None]).transpose(2, 0, 1)
-        form = _area_form(*key)
-        areas[members] = 0.5 * ((x @ form * y).sum(axis=1) - (y @ form * x).sum(axis=1))
-    return areas
-
-
-@lru_cache(maxsize=256)
-def _area_form(knot_bytes: bytes, degree: int) -> FloatArray:
-    """Matrix of ∫ N_i N_j' dt."""
-    knots = np.frombuffer(knot_bytes)
-    breaks = np.unique(knots)
-    t, w = np.polynomial.legendre.leggauss(degree)
-    half = np.diff(breaks)[:, None] / 2
-    nodes, weights = (breaks[:-1, None] + half * (t + 1)).ravel(), (half * w).ravel()
-    return np.asarray(
-        (collocation_matrix(knots, degree, nodes).T * weights) @ collocation_matrix(knots, degree, nodes, 1)
-    )

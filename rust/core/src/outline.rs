@@ -122,6 +122,14 @@ impl Outline {
         self.table[self.table.len() - 1]
     }
 
+    /// Signed area of the polygon of the samples, positive when the loop runs counter-clockwise.
+    pub fn area(&self) -> f64 {
+        // About a sample: far from the origin the products would lose the area.
+        let [x, y] = self.samples[0];
+        let pairs = self.samples.windows(2);
+        pairs.map(|w| 0.5 * ((w[0][0] - x) * (w[1][1] - y) - (w[0][1] - y) * (w[1][0] - x))).sum()
+    }
+
     /// Arc lengths where the curves start, and the total length.
     pub fn joints(&self) -> Vec<f64> {
         self.first.iter().map(|&f| self.table[f * self.intervals]).collect()

@@ -29,6 +29,11 @@ impl Outline {
     }
 
     #[getter]
+    fn area(&self) -> f64 {
+        self.core.area()
+    }
+
+    #[getter]
     fn joints<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.core.joints().into_pyarray(py)
     }
