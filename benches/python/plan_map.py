@@ -1,7 +1,8 @@
 """Many targets through one plan: ``python plan_map.py [-n 100] [--model FILE]``.
 
 Compares a cold `transfer()` for every target, of a source as read from a file, with one plan for all: one target after
-the other, and with an executor of two threads and of two processes. What counts are the ratios; the last two need two idle cores.
+the other, and with an executor of two threads and of two processes. What counts are the ratios; the last two need
+two idle cores.
 """
 
 from __future__ import annotations
