@@ -1,0 +1,205 @@
+"""Stages of a transfer at growing sizes, and how far the solver is from the machine's limits: ``python stages.py``.
+
+The model (yeti of `PATCHTRANSFER_MODELS`, else the bundled wrench, or a file) is bent, refined uniformly again and
+again, and transferred in a plan with landmarks at all joints, `continuity="c0"`, on one thread. With ``-o FILE`` the
+tables become a page of the documentation.
+
+Limits: a Newton step factorizes one matrix. Its multiplications and additions are counted on SuperLU's factor of the
+same matrix (the sum of squared column lengths, as for Cholesky), and compared with the rate of a dense matrix product.
+The Hessian's entries cross the memory once a step, and are compared with the rate of a copy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from optimizer_scaling import model_of
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+from threadpoolctl import threadpool_limits
+from transfer_yeti import SciPyOptimizer, bent_boundary
+
+import patchtransfer as pt
+from patchtransfer import _core
+from patchtransfer.optimize import SplineOptimizer
+
+STAGES = ("registration", "feasibility", "fitting", "optimisation", "certificate", "quality", "continuity report")
+#: Largest number of unknown points at which SuperLU is still run.
+LARGEST = 30_000
+
+
+class Size(NamedTuple):
+    """Seconds at one size; the last three are None where SuperLU would take too long."""
+
+    unknown: int
+    stages: dict[str, float]
+    whole: float
+    solve: float
+    steps: int
+    superlu: float | None
+    operations: float | None
+    entries: int | None
+
+
+def seconds(work: Callable[[], object], repeat: int) -> float:
+    """Median of some runs after the first."""
+    work()
+    times = []
+    for _ in range(repeat):
+        begin = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begin)
+    return float(np.median(times))
+
+
+def measure(model: pt.MultiPatch, angle: float) -> Size:
+    target, landmarks = bent_boundary(model, angle)
+    n = len(model.topology.interior_points)
+    repeat = 21 if n < 1_000 else 5 if n < 10_000 else 3
+    plan = pt.TransferPlan(model, "c0")
+    timings: list[dict[str, float]] = []
+    whole = seconds(lambda: timings.append(plan.transfer(target, landmarks).timings), repeat)
+    stages = {s: float(np.median([t.get(s, 0.0) for t in timings[1:]])) for s in STAGES}
+    optimizer = SplineOptimizer(model.topology)
+    fitted = plan.transfer(target, landmarks).multipatch.topology.coordinates
+    start = optimizer.harmonic(fitted)
+    found = optimizer.minimise(start)
+    solve = seconds(lambda: optimizer.minimise(optimizer.harmonic(fitted)), repeat)
+    superlu = operations = entries = None
+    if n <= LARGEST:
+        reference = SciPyOptimizer(model)
+        matrix = csc_array(reference.derivatives(found.points, reference.scale(found.points))[1])
+        options = {"SymmetricMode": True}
+        begin = time.perf_counter()
+        factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", options=options)
+        superlu = time.perf_counter() - begin
+        operations, entries = float((np.diff(factor.L.indptr).astype(float) ** 2).sum()), matrix.nnz
+    return Size(n, stages, whole, solve, len(found.history), superlu, operations, entries)
+
+
+def product_rate(n: int = 1500) -> float:
+    """Multiplications and additions a second of a dense matrix product on one thread."""
+    a = np.random.default_rng(0).random((n, n))
+    return 2 * n**3 / seconds(lambda: a @ a, 5)
+
+
+def copy_rate(n: int = 2**25) -> float:
+    """Bytes a second that a copy reads and writes."""
+    a = np.zeros(n)
+    b = np.empty_like(a)
+    return 16 * n / seconds(lambda: np.copyto(b, a), 5)
+
+
+def processor() -> str:
+    """Name of the processor, where the system tells it."""
+    info = Path("/proc/cpuinfo")
+    names = (
+        [x.split(":", 1)[1].strip() for x in info.read_text().splitlines() if x.startswith("model name")]
+        if info.exists()
+        else []
+    )
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def tables(sizes: list[Size], product: float, copy: float) -> str:
+    """Both tables, in Markdown."""
+    ms = lambda s: f"{1e3 * s:.1f}" if s < 0.1 else f"{1e3 * s:.0f}"  # noqa: E731
+    lines = [
+        "| unknown points | transfer | " + " | ".join(STAGES) + " | exponent |",
+        "|" + "---:|" * (len(STAGES) + 3),
+    ]
+    for before, size in zip([None, *sizes], sizes, strict=False):
+        growth = (
+            "–"
+            if before is None
+            else f"{np.log(size.whole / before.whole) / np.log(size.unknown / before.unknown):.2f}"
+        )
+        cells = [f"{size.unknown:,}", f"**{ms(size.whole)}**", *(ms(size.stages[s]) for s in STAGES), growth]
+        lines.append("| " + " | ".join(cells) + " |")
+    heads = ("unknown points", "Newton steps", "solve", "SuperLU once", "solve / SuperLU", "step")
+    heads += ("arithmetic bound", "memory bound", "step / bounds")
+    lines += ["", "| " + " | ".join(heads) + " |", "|" + "---:|" * len(heads)]
+    for size in sizes:
+        step = size.solve / size.steps
+        cells = [f"{size.unknown:,}", str(size.steps), ms(size.solve)]
+        if size.superlu is None or size.operations is None or size.entries is None:
+            cells += ["–", "–", ms(step), "–", "–", "–"]
+        else:
+            # The upper half is stored: written by assembly, read by the factorization; a value and half an index.
+            arithmetic, memory = size.operations / product, size.entries / 2 * 2 * 12 / copy
+            bounds = f"{step / (arithmetic + memory):.0f}"
+            cells += [
+                ms(size.superlu),
+                f"{size.solve / size.superlu:.2f}",
+                ms(step),
+                f"{1e3 * arithmetic:.2f}",
+                f"{1e3 * memory:.2f}",
+                bounds,
+            ]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+PAGE = """# Speed
+
+Made by ``benches/python/stages.py`` on {machine}, one thread:
+a dense matrix product runs at {product:.0f} Gflop/s, a copy at {copy:.0f} GB/s. Milliseconds, medians. The source is
+{source}, refined uniformly, its boundary bent by {angle:.0f}°, landmarks at all joints, `continuity="c0"`, one plan for
+all targets.
+
+{tables}
+
+The first table is the whole transfer with all its evidence. *Exponent*: of the growth from the row above.
+
+The second table is the solver alone, from the harmonic map to the optimum. *SuperLU once*: one factorization of the
+Newton matrix by SciPy, in the same run. *Arithmetic bound*: what a factorization computes, at the rate of the dense
+product (sparse codes reach a third of it at best on such matrices). *Memory bound*: the Hessian's entries written and
+read once. Most steps of a large solve run on coarser spaces; *step* is the mean over all. What a step does beyond the
+bounds is mostly the Hessian itself: {nodes} nodes a knot span, each with a closed-form positive part.
+
+Other scripts beside it compare with peers: `transfer_yeti.py` (NumPy, G+Smo), `optimizer_scaling.py` (SuperLU, CHOLMOD,
+peak memory), `plan_map.py` (threads, processes), `continuity_cost.py` (C1 against C0), `registration.py` (1,000
+curves), `poisson_nutils.py` (nutils), and `cargo bench -p patchtransfer-core` times the core's kernels beside `memcpy`.
+"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("model", nargs="?", help="multi-patch (G+Smo XML)")
+    parser.add_argument("--angle", type=float, default=100.0, help="bend in degrees (default 100)")
+    parser.add_argument("--refinements", type=int, default=4, help="largest number of refinements (default 4)")
+    parser.add_argument("-o", "--output", type=Path, help="write a page of the documentation")
+    options = parser.parse_args()
+    _core.set_threads(1)
+    with threadpool_limits(1):
+        product, copy = product_rate(), copy_rate()
+        sizes = []
+        for k in range(options.refinements + 1):
+            model = model_of(options.model, k)
+            sizes.append(measure(model, np.radians(options.angle)))
+            print(f"{sizes[-1].unknown} unknown points: {1e3 * sizes[-1].whole:.1f} ms", flush=True)
+    text = tables(sizes, product, copy)
+    print(text)
+    if options.output is not None:
+        coarse = model_of(options.model, 0)
+        degree = coarse.patches[0].degrees[0]
+        page = PAGE.format(
+            machine=processor(),
+            product=product / 1e9,
+            copy=copy / 1e9,
+            source=f"the model {options.model or 'yeti'}" if len(coarse) == 21 else "the bundled wrench",
+            angle=options.angle,
+            tables=text,
+            nodes=f"({2 * degree + 1})²",
+        )
+        options.output.write_text(page)
+
+
+if __name__ == "__main__":
+    main()
