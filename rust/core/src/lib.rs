@@ -27,6 +27,7 @@ mod ordering;
 pub mod outline;
 pub mod quadrature;
 pub mod quality;
+mod quasi_newton;
 pub mod simple_loops;
 pub mod sparse;
 pub mod spline;
