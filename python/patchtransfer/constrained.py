@@ -13,6 +13,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csc_array, csr_array, diags_array
+from scipy.sparse.linalg import splu
 
 from .certificate import Certificate
 from .continuity import ContinuityRows
@@ -118,6 +120,7 @@ def best_under_rows(
     progress: Progress | None = None,
     *,
     release: bool = True,
+    rounds: int = ROUNDS,
 ) -> Outcome:
     """Optimise the spline under the first choice of rows, and under the next where that costs too much.
 
@@ -129,7 +132,7 @@ def best_under_rows(
     tried: list[tuple[tuple[int, float], Outcome]] = []
     log: list[str] = []
     for make_rows in choices:
-        found = optimize_under_rows(topology, make_rows, solve, reference, certify, release=release)
+        found = optimize_under_rows(topology, make_rows, solve, reference, certify, release=release, rounds=rounds)
         if len(choices) == 1:
             return found
         plain = make()
@@ -153,6 +156,7 @@ def optimize_under_rows(
     certify: Certify,
     *,
     release: bool = True,
+    rounds: int = ROUNDS,
 ) -> Outcome:
     """Find a certified map under continuity rows, starting from one without them.
 
@@ -169,6 +173,8 @@ def optimize_under_rows(
         Shared control points to certificate.
     release : bool, default True
         Whether rows are released at boundary corners that collapse.
+    rounds : int, default 3
+        Attempts at most; after each that fails, interfaces lose their rows.
 
     Returns
     -------
@@ -177,12 +183,12 @@ def optimize_under_rows(
     """
     log: list[str] = []
     without, released = frozenset[int](), frozenset[Spoke]()
-    near, rounds = reference, 0
-    while rounds < ROUNDS:
-        space, start, released = _start(topology, make_rows, reference, near, released, without, release)
+    near, failures, corners = reference, 0, _Corners(topology)
+    while failures < rounds:
+        space, start, released = _start(topology, corners, make_rows, reference, near, released, without, release)
         points, certificate, tried = solve(space, start)
         log += [f"under {len(space.rows)} rows, {entry}" for entry in tried]
-        collapsed = _collapsed(topology, reference, points) - released if release else frozenset[Spoke]()
+        collapsed = corners.collapsed(reference, points) - released if release else frozenset[Spoke]()
         if collapsed:
             released |= collapsed
             near = points if certificate.injective else reference
@@ -191,7 +197,7 @@ def optimize_under_rows(
             return points, certificate, log, rows_summary(topology, space, points, released)
         else:
             without |= _around(topology, certificate)
-            near, rounds = reference, rounds + 1
+            near, failures = reference, failures + 1
             log.append(f"no certified map satisfies these rows: {len(without)} interfaces lose theirs")
     everything = frozenset(range(len(topology.interfaces)))
     space = row_space(make_rows((), everything), topology.interior_points, reference)
@@ -226,6 +232,7 @@ def _renamed(progress: Progress, stage: str, step: int, energy: float, least: fl
 
 def _start(
     topology: Topology,
+    corners: _Corners,
     make_rows: MakeRows,
     reference: FloatArray,
     near: FloatArray,
@@ -235,41 +242,67 @@ def _start(
 ) -> tuple[RowSpace, FloatArray, frozenset[Spoke]]:
     """The nearest map that satisfies the rows, without those at corners that collapse in it.
 
-    These corners nearly always collapse in the optimum too, and projecting costs much less.
+    These corners nearly always collapse in the optimum too, and projecting costs much less. Even less costs it to
+    move every corner on its own first, so that rows are seldom eliminated twice.
     """
+    rows = make_rows(released, without)
+    if release:
+        alone = corners.collapsed(reference, corners.with_rows(rows, near)) - released
+        if alone:
+            released |= alone
+            rows = make_rows(released, without)
     while True:
-        space = row_space(make_rows(released, without), topology.interior_points, reference)
+        space = row_space(rows, topology.interior_points, reference)
         start = space.project(near)
-        more = _collapsed(topology, reference, start) - released if release else frozenset[Spoke]()
+        more = corners.collapsed(reference, start) - released if release else frozenset[Spoke]()
         if not more:
             return space, start, released
         released |= more
+        rows = make_rows(released, without)
 
 
-def _collapsed(topology: Topology, before: FloatArray, after: FloatArray) -> frozenset[Spoke]:
-    """Interface ends at boundary vertices where a corner of a patch collapsed."""
-    found: set[Spoke] = set()
-    for vertex in topology.vertices:
-        if vertex.interior or vertex.valence < 2:
-            continue
-        jacobians = [
-            np.array([_corner_jacobian(topology, points, *corner) for corner in vertex.corners])
-            for points in (before, after)
-        ]
-        if (jacobians[1] < COLLAPSED * jacobians[0]).any():
-            found.update(topology.spokes.get(vertex.point, ()))
-    return frozenset(found)
+class _Corners:
+    """Patch corners at boundary vertices of two patches or more, where rows may collapse a corner."""
 
+    def __init__(self, topology: Topology) -> None:
+        self._spokes: list[tuple[Spoke, ...]] = []
+        found: list[tuple[int, ...]] = []
+        for vertex in topology.vertices:
+            if vertex.interior or vertex.valence < 2:
+                continue
+            for patch, corner in vertex.corners:
+                i, j = CORNERS[corner]
+                index = topology.points[patch]
+                turn = int(topology.orientation[patch]) * (1 if (i == 0) == (j == 0) else -1)
+                u, v = index[1 if i == 0 else -2, j], index[i, 1 if j == 0 else -2]
+                found.append((int(index[i, j]), int(u), int(v), turn))
+                self._spokes.append(topology.spokes.get(vertex.point, ()))
+        self._apex, self._u, self._v, self._turn = np.array(found, int).reshape(-1, 4).T
+        # The first points of the interfaces that end at these vertices.
+        self._first = np.intersect1d(np.concatenate([self._u, self._v]), topology.interior_points)
+        self._free = np.zeros(topology.n_points)
+        self._free[topology.interior_points] = 1.0
 
-def _corner_jacobian(topology: Topology, points: FloatArray, patch: int, corner: int) -> float:
-    """Scaled Jacobian at a patch corner: the sine of the angle between its sides."""
-    i, j = CORNERS[corner]
-    index = topology.points[patch]
-    u = points[index[1 if i == 0 else -2, j]] - points[index[i, j]]
-    v = points[index[i, 1 if j == 0 else -2]] - points[index[i, j]]
-    turn = 1 if (i == 0) == (j == 0) else -1
-    lengths = float(np.hypot(*u) * np.hypot(*v))
-    return float(topology.orientation[patch]) * turn * float(u[0] * v[1] - u[1] * v[0]) / lengths if lengths else 0.0
+    def collapsed(self, before: FloatArray, after: FloatArray) -> frozenset[Spoke]:
+        """Interface ends at the vertices where a corner of a patch collapsed."""
+        fell = np.flatnonzero(self._jacobians(after) < COLLAPSED * self._jacobians(before))
+        return frozenset(spoke for k in fell for spoke in self._spokes[k])
+
+    def with_rows(self, rows: ContinuityRows, points: FloatArray) -> FloatArray:
+        """The nearest points that satisfy the C1 rows of the first points of interfaces, all other rows aside."""
+        near = rows.matrix[np.flatnonzero(np.isin(rows.slave, self._first))]
+        movable = csr_array(near @ diags_array(self._free))
+        gram = csc_array(movable @ movable.T)
+        if not gram.shape[0]:
+            return points
+        return np.asarray(points - movable.T @ splu(gram).solve(near @ points))
+
+    def _jacobians(self, points: FloatArray) -> FloatArray:
+        """Scaled Jacobians: the sines of the angles between the sides of patches."""
+        u, v = (points[side] - points[self._apex] for side in (self._u, self._v))
+        lengths = np.hypot(*u.T) * np.hypot(*v.T)
+        sines = self._turn * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        return np.divide(sines, lengths, out=np.zeros(len(lengths)), where=lengths > 0)
 
 
 def _around(topology: Topology, certificate: Certificate) -> frozenset[int]:

@@ -6,6 +6,7 @@ left (patch a) and on its right. Where the map is smooth there are functions wit
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -143,12 +144,22 @@ def chord_ratios(topology: Topology, rows: tuple[ControlRows, ...], points: Floa
     One ratio per interface instead would make the tangents collapse at the regular vertices between them.
     """
     logs, counts = np.zeros(len(rows)), np.zeros(len(rows))
+    alike: dict[tuple[bytes, int], list[int]] = defaultdict(list)
     for i, r in enumerate(rows):
-        _, (value, slope, _) = span_basis(r.knots, r.degree, SAMPLES)
-        left, right, _ = r.derivatives(points, value, slope)
-        speeds = np.hypot(*left.T), np.hypot(*right.T)
+        alike[r.knots.tobytes(), r.degree].append(i)
+    for members in alike.values():
+        group = [rows[i] for i in members]
+        _, (value, _, _) = span_basis(group[0].knots, group[0].degree, SAMPLES)
+        curve = points[np.array([r.curve for r in group])]
+        left, right = (
+            points[np.array(beside)] - curve for beside in ([r.left for r in group], [r.right for r in group])
+        )
+        speeds = [np.hypot(*np.moveaxis(value @ d, 2, 0)) for d in (left, right)]
         there = (speeds[0] > 0) & (speeds[1] > 0)
-        logs[i], counts[i] = np.log(speeds[1][there] / speeds[0][there]).sum(), there.sum()
+        quotients = np.log(np.divide(speeds[1], speeds[0], out=np.ones_like(speeds[0]), where=there))
+        scales = np.log([r.right_scale / r.left_scale for r in group])
+        counts[members] = there.sum(axis=1)
+        logs[members] = quotients.sum(axis=1) + counts[members] * scales
     ratios = np.ones(len(rows))
     for chord in topology.directed_chords:
         index = np.array([i for i, _ in chord])

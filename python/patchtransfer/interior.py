@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 from scipy.sparse import csc_array
 
 from .certificate import Certificate, certify
 from .clock import Clock
-from .constrained import ActiveRows, best_under_rows, optimize_under_rows, rows_summary
-from .continuity import ContinuityRows, c1_rows
+from .constrained import ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
+from .continuity import C1Rows, ContinuityRows
 from .g1 import g1_rows
 from .gluing import control_rows
 from .multipatch import MultiPatch
 from .null_space import RowSpace, row_space
-from .optimize import Progress, SplineOptimizer, degenerate_corners, optimize_with_ladder
+from .optimize import (
+    ROUGH,
+    Certify,
+    Progress,
+    SplineOptimizer,
+    degenerate_corners,
+    optimize_with_ladder,
+    reporter,
+)
 from .paper_method import PaperHistory, paper_map
 from .splines import FloatArray, Patch
 from .topology import Spoke
@@ -70,6 +78,8 @@ class InteriorSolver:
     def __init__(self, source: MultiPatch, continuity: str, reference: Sequence[Patch] | None = None) -> None:
         self.source, self.continuity, self.reference = source, continuity, reference
         self._control = () if continuity == "c0" else control_rows(source.topology)
+        self._c1 = C1Rows(source.topology, self._control)
+        self._linear = frozenset(i for i, r in enumerate(self._control) if r.lowest_degree < 2)
         self._degenerate = degenerate_corners(source.patches if reference is None else reference)
         self._thread = threading.local()
 
@@ -83,11 +93,28 @@ class InteriorSolver:
     def certified(
         self, start: FloatArray, degenerate: Sequence[tuple[int, int]], progress: Progress | None, clock: Clock
     ) -> InteriorMap:
-        """Spline harmonic map, then distortion optimisation until the certificate accepts the map; then rows."""
+        """Spline harmonic map, then distortion optimisation until the certificate accepts the map; then rows.
+
+        Rows only follow speeds and frames of the map without them, so that a rough one is tried first. Where it has
+        folds, or its rows cannot all be kept, the map without rows is found as if there were none to follow.
+        """
         topology = self.source.topology
         make, check = partial(self.optimizer, degenerate), partial(self.certify, clock=clock)
+        log: list[str] = []
+        if self._levels:
+            with clock("optimisation"):
+                optimizer = make()
+                rough = optimizer.minimise(
+                    optimizer.harmonic(start), progress=reporter(progress, "optimise"), tolerance=ROUGH
+                )
+            log.append(f"rough map for the rows to follow: smallest determinant {rough.min_determinant:.3g}")
+            if rough.min_determinant > 0:
+                under, complete = self._under_rows(rough.points, make, check, progress, clock, rounds=1)
+                log += under.log
+                if complete:
+                    return replace(under, log=log)
         with clock("optimisation"):
-            found, certificate, log = optimize_with_ladder(
+            found, certificate, entries = optimize_with_ladder(
                 make,
                 start,
                 check,
@@ -95,17 +122,41 @@ class InteriorSolver:
                 boundary=topology.boundary_points,
                 progress=progress,
             )
-        points, rows = found.points, None
-        for level in self._levels if certificate.injective else ():
+        log += entries
+        if not (self._levels and certificate.injective):
+            return InteriorMap(found.points, certificate, log, [])
+        under, _ = self._under_rows(found.points, make, check, progress, clock)
+        return replace(under, log=log + under.log)
+
+    def _under_rows(
+        self,
+        points: FloatArray,
+        make: Callable[..., SplineOptimizer],
+        check: Certify,
+        progress: Progress | None,
+        clock: Clock,
+        rounds: int = ROUNDS,
+    ) -> tuple[InteriorMap, bool]:
+        """Rows that follow a map without them: C1 first, then exact G1 that follows the C1 map.
+
+        Also whether the result is certified with rows on all interfaces that can have any; after a single round it is
+        of no use otherwise.
+        """
+        log: list[str] = []
+        complete = True
+        for level in self._levels:
             with clock("continuity rows"):
                 choices = [
                     partial(self._rows, choice, points) for choice in (level, "g1 linear")[: 1 + (level == "g1")]
                 ]
-                points, certificate, under, rows = best_under_rows(
-                    topology, choices, make, points, check, progress, release=level == "c1"
+                points, certificate, entries, rows = best_under_rows(
+                    self.source.topology, choices, make, points, check, progress, release=level == "c1", rounds=rounds
                 )
-            log += under
-        return InteriorMap(points, certificate, log, [], rows)
+            log += entries
+            complete = complete and certificate.injective and self._linear.issuperset(rows.without)
+            if rounds == 1 and not complete:
+                break
+        return InteriorMap(points, certificate, log, [], rows), complete
 
     def paper(self, start: FloatArray, clock: Clock) -> InteriorMap:
         """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
@@ -202,4 +253,4 @@ class InteriorSolver:
         """Continuity rows that follow the speeds and frames of a reference map."""
         if level.startswith("g1"):
             return g1_rows(self.source.topology, self._control, reference, without, linear=level == "g1 linear")
-        return c1_rows(self.source.topology, self._control, reference, released, without)
+        return self._c1(reference, released, without)

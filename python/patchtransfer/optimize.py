@@ -30,6 +30,10 @@ Progress = Callable[[str, int, float, float], None]
 
 #: Default weight of the area term.
 AREA_WEIGHT = 0.3
+#: Relative Newton decrement at which a solution is taken ...
+TOLERANCE = 1e-8
+#: ... and one that only rows are read from: coarser spaces are solved to this, and the finest seldom has to be.
+ROUGH = 1e-4
 #: Rounds of adding nodes where the certificate fails.
 ROUNDS = 8
 #: |sin| of a corner's angle below which the source is singular there.
@@ -107,12 +111,14 @@ class SplineOptimizer:
         area_weight: float = AREA_WEIGHT,
         max_steps: int = 200,
         progress: Callable[[int, float, float], None] | None = None,
+        tolerance: float = TOLERANCE,
     ) -> OptimizedMap:
         """Minimise the distortion energy from `points` (n_points, 2); boundary points stay.
 
-        Ctrl-C is honoured between Newton steps.
+        Stops where a Newton step would lower the energy by less than the fraction `tolerance`. Ctrl-C is honoured
+        between Newton steps.
         """
-        out = self._core.minimise(points, area_weight, max_steps, 1e-8, progress)
+        out = self._core.minimise(points, area_weight, max_steps, tolerance, progress)
         return OptimizedMap(*out)
 
 

@@ -28,6 +28,7 @@ pub mod outline;
 pub mod quadrature;
 pub mod quality;
 pub mod side_fit;
+mod quasi_newton;
 pub mod simple_loops;
 pub mod sparse;
 pub mod spline;

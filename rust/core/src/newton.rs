@@ -7,6 +7,7 @@ use crate::assembly::{Assembly, Reduced};
 use crate::barrier::HessianKind;
 use crate::evaluation::Evaluator;
 use crate::kernel::{Parameters, Summary};
+use crate::quasi_newton::Memory;
 use crate::sparse::{Cholesky, SparseError};
 use std::ops::ControlFlow;
 
@@ -18,8 +19,8 @@ const STEPS_PER_EPS: usize = 4;
 const EXACT_BELOW: f64 = 1e-2;
 /// Relative decrement below which the last factorization may serve for another step ...
 const KEEP_BELOW: f64 = 1e-3;
-/// ... as long as every such step lowers the decrement by this factor.
-const KEEP_WHILE: f64 = 0.1;
+/// ... as long as every such step lowers the decrement by this factor: it costs a third of a factorization.
+const KEEP_WHILE: f64 = 0.3;
 
 /// Smallest determinant, relative to the mean, below which the Hessian takes all nodes.
 const SHARP: f64 = 0.02;
@@ -105,6 +106,8 @@ pub(crate) struct Problem {
     full_gradient: Vec<f64>,
     /// Steps on the Hessian's fewer nodes converge too slowly.
     distrust: bool,
+    /// Steps since the last factorization.
+    memory: Memory,
 }
 
 /// A map with its energy.
@@ -137,6 +140,7 @@ impl Problem {
             reduced_values,
             full_gradient,
             distrust: false,
+            memory: Memory::default(),
         }
     }
 
@@ -152,17 +156,19 @@ impl Problem {
         settings: Settings,
         observe: &mut Observer,
     ) -> Result<Outcome, SparseError> {
-        let mut at = Parameters { scale, eps: 1.0, lambda: settings.lambda };
-        let min_det = self.evaluator.energy(x, at).min_det;
-        at.eps = if min_det > 0.0 { EPS_FEASIBLE } else { eps_for(min_det) };
+        let mut at = Parameters { scale, eps: EPS_FEASIBLE, lambda: settings.lambda };
         let mut since_eps = 0;
         self.distrust = false;
         let mut now = self.iterate(x.to_vec(), at);
+        if now.summary.min_det <= 0.0 {
+            at.eps = eps_for(now.summary.min_det);
+            self.evaluate(&mut now, at);
+        }
         let mut trial = Iterate { x: x.to_vec(), summary: now.summary, gradient: now.gradient.clone() };
         let mut steps: Vec<Step> = vec![];
         let mut direction = vec![0.0; self.unknowns()];
-        // Whether the last step was whole, so that the factorization behind it may be good for another.
-        let mut whole = false;
+        // Whether the last factorization is of the present energy, so that it may be good for another step.
+        let mut usable = false;
         let stop = loop {
             if self.unknowns() == 0 {
                 break Stop::Converged;
@@ -172,7 +178,7 @@ impl Problem {
             }
             let last = steps.last().copied();
             let near = |below: f64| last.is_some_and(|s| s.min_det > 0.0 && s.decrement < below);
-            let kept = whole && near(KEEP_BELOW);
+            let kept = usable && near(KEEP_BELOW);
             if !kept {
                 self.factorize(&now, at, near(EXACT_BELOW))?;
             }
@@ -203,13 +209,13 @@ impl Problem {
             }
             let length =
                 if converged { None } else { self.search(&mut now, &mut trial, &direction, slope, at) };
-            whole = length == Some(1.0);
+            usable = length.is_some();
             if now.summary.min_det > 0.0 {
                 if length.is_none() {
                     break Stop::Stalled;
                 }
                 if at.eps != EPS_FEASIBLE {
-                    (at.eps, whole) = (EPS_FEASIBLE, false);
+                    (at.eps, usable) = (EPS_FEASIBLE, false);
                     self.evaluate(&mut now, at);
                 }
                 continue;
@@ -218,7 +224,7 @@ impl Problem {
             if length.is_none() || since_eps >= STEPS_PER_EPS {
                 // Lower even where the folds do not open, or it would stay where it is.
                 let next = eps_for(now.summary.min_det).min(0.9 * at.eps);
-                (at.eps, since_eps, whole) = (next, 0, false);
+                (at.eps, since_eps, usable) = (next, 0, false);
                 self.evaluate(&mut now, at);
             }
         };
@@ -261,6 +267,9 @@ impl Problem {
                 && trial.summary.energy < energy + 1e-4 * length * slope
             {
                 std::mem::swap(now, trial);
+                if -slope < KEEP_BELOW * energy {
+                    self.memory.learn(direction, length, &trial.gradient, &now.gradient);
+                }
                 if length == 1.0 && -slope > LENGTHEN_FROM * energy {
                     length = self.lengthen(now, trial, direction, at);
                 }
@@ -294,6 +303,7 @@ impl Problem {
     fn factorize(&mut self, now: &Iterate, at: Parameters, exact: bool) -> Result<(), SparseError> {
         // Near folds the energy is sharp: there the cheaper quadrature of the Hessian is not used.
         self.evaluator.fewer_nodes = now.summary.min_det > SHARP && !self.distrust;
+        self.memory.clear();
         for kind in [HessianKind::Exact, HessianKind::Projected] {
             if kind == HessianKind::Exact && !exact {
                 continue;
@@ -316,10 +326,10 @@ impl Problem {
         self.cholesky.factorize(values)
     }
 
-    /// Newton direction by the last factorization, and the energy's slope along it.
+    /// Newton direction by the last factorization and what was learnt since, and the energy's slope along it.
     fn solve(&mut self, gradient: &[f64], direction: &mut [f64]) -> f64 {
         direction.iter_mut().zip(gradient).for_each(|(d, g)| *d = -g);
-        self.cholesky.solve(direction);
+        self.memory.apply(direction, |d| self.cholesky.solve(d));
         gradient.iter().zip(direction.iter()).map(|(g, d)| g * d).sum()
     }
 

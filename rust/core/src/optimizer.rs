@@ -8,7 +8,7 @@ use crate::assembly::{Assembly, Reduced};
 use crate::coarse::{Coarse, coarsen};
 use crate::elements::{ElementError, Elements, ExtraNode, Space};
 use crate::evaluation::Evaluator;
-use crate::kernel::Parameters;
+use crate::kernel::{Parameters, Summary};
 use crate::newton::{EPS_FEASIBLE, Problem};
 pub use crate::newton::{Outcome, Settings, Step, Stop};
 use crate::ordering::{Net, nested_dissection};
@@ -64,6 +64,16 @@ pub struct SplineOptimizer {
     coarser: Vec<(Coarse, Problem)>,
     /// Factorization of the Laplacian over the unknowns, once it was asked for.
     laplacian: Option<Cholesky>,
+    /// The last map whose determinants were asked for, and these.
+    judged: Option<(Vec<[f64; 2]>, (f64, f64))>,
+}
+
+/// Where the coarser spaces lead.
+struct CoarseStart {
+    points: Vec<[f64; 2]>,
+    found: Summary,
+    /// The last refinement gained less than the tolerance, so the next one will.
+    settled: bool,
 }
 
 impl SplineOptimizer {
@@ -87,7 +97,7 @@ impl SplineOptimizer {
                 coarser.push((next, problem));
             }
         }
-        Ok(Self { model, problem, coarser, laplacian: None })
+        Ok(Self { model, problem, coarser, laplacian: None, judged: None })
     }
 
     /// Number of entries of the null-space basis, 0 without one.
@@ -114,10 +124,16 @@ impl SplineOptimizer {
 
     /// Smallest and mean det A of a map, scaled to mean 1 where the mean is positive.
     pub fn determinants(&mut self, x: &[[f64; 2]]) -> (f64, f64) {
+        // A caller that looked at its start need not pay for that twice.
+        if let Some((_, known)) = self.judged.as_ref().filter(|(last, _)| last == x) {
+            return *known;
+        }
         let at = Parameters { scale: 1.0, eps: 1.0, lambda: 0.0 };
         let found = self.problem.evaluator.energy(x, at);
         let (min, mean) = (found.min_det, found.mean_det);
-        if mean > 0.0 { (min / mean, mean) } else { (min, mean) }
+        let found = if mean > 0.0 { (min / mean, mean) } else { (min, mean) };
+        self.judged = Some((x.to_vec(), found));
+        found
     }
 
     /// The spline harmonic map (Galerkin on the reference map) with the fixed points of `x`.
@@ -171,7 +187,8 @@ impl SplineOptimizer {
     /// Minimise the distortion from the start `x`, whose fixed points stay (and whose rows hold, with a basis).
     ///
     /// `observe` is called before every step, those in coarser spaces included, and may stop the iteration; the
-    /// steps of the outcome are those in the model's own space.
+    /// steps of the outcome are those in the model's own space. With a tolerance no finer than that of the coarser
+    /// spaces there are none where the last refinement gained less than the tolerance and no fold is left.
     pub fn minimise(
         &mut self,
         x: &[[f64; 2]],
@@ -187,14 +204,20 @@ impl SplineOptimizer {
             stopped.set(stopped.get() || answer.is_break());
             answer
         };
-        let start = self.coarse_start(x, scale, settings, &mut watch)?;
-        if stopped.get() {
-            let at = Parameters { scale, eps: 1.0, lambda: settings.lambda };
-            let found = self.problem.evaluator.energy(&start, at);
-            let (energy, min_det) = (found.energy, found.min_det);
-            return Ok(Outcome { points: start, energy, min_det, steps: vec![], stop: Stop::Interrupted });
+        let start = if self.coarser.is_empty() {
+            None
+        } else {
+            Some(self.coarse_start(x, scale, settings, &mut watch)?)
+        };
+        if let Some(CoarseStart { points, found, settled }) = start {
+            let stop = if stopped.get() { Stop::Interrupted } else { Stop::Converged };
+            if stopped.get() || (settled && found.min_det > 0.0) {
+                let (energy, min_det) = (found.energy, found.min_det);
+                return Ok(Outcome { points, energy, min_det, steps: vec![], stop });
+            }
+            return self.problem.minimise(&points, scale, settings, &mut watch);
         }
-        self.problem.minimise(&start, scale, settings, &mut watch)
+        self.problem.minimise(x, scale, settings, &mut watch)
     }
 
     /// A better start: `x` plus the best correction in the coarser spaces, unless that folds what was not folded.
@@ -204,17 +227,26 @@ impl SplineOptimizer {
         scale: f64,
         settings: Settings,
         observe: &mut dyn FnMut(&Step) -> ControlFlow<()>,
-    ) -> Result<Vec<[f64; 2]>, SparseError> {
-        let settings = Settings { tolerance: settings.tolerance.max(COARSE_TOLERANCE), ..settings };
-        let mut correction: Vec<[f64; 2]> = vec![];
-        for level in (0..self.coarser.len()).rev() {
+    ) -> Result<CoarseStart, SparseError> {
+        let coarse = Settings { tolerance: settings.tolerance.max(COARSE_TOLERANCE), ..settings };
+        // Judged at the nodes of the finest space, with an ε that sees folds.
+        let at = Parameters { scale, eps: 1e-3, lambda: settings.lambda };
+        let before = self.problem.evaluator.energy(x, at);
+        let same = CoarseStart { points: x.to_vec(), found: before, settled: false };
+        let (mut correction, mut gain) = (vec![], f64::INFINITY);
+        let levels = self.coarser.len();
+        for level in (0..levels).rev() {
             let (space, problem) = &mut self.coarser[level];
             problem.evaluator.elements.set_base(&self.model.reference, &self.model.indices, x);
             correction.resize(space.n_points, [0.0; 2]);
-            let found = problem.minimise(&correction, scale, settings, observe)?;
+            let found = problem.minimise(&correction, scale, coarse, observe)?;
             if found.stop == Stop::Interrupted {
-                return Ok(x.to_vec());
+                return Ok(same);
             }
+            gain = match found.steps.as_slice() {
+                [first, ..] if level + 1 < levels => first.decrement,
+                _ => f64::INFINITY,
+            };
             correction = match level {
                 0 => space.prolong(&found.points, &self.model.indices, self.model.n_points),
                 _ => {
@@ -223,19 +255,18 @@ impl SplineOptimizer {
                 }
             };
         }
-        if correction.is_empty() {
-            return Ok(x.to_vec());
-        }
-        let mut better = x.to_vec();
+        let mut points = x.to_vec();
         for &p in &self.problem.free {
-            better[p] = [x[p][0] + correction[p][0], x[p][1] + correction[p][1]];
+            points[p] = [x[p][0] + correction[p][0], x[p][1] + correction[p][1]];
         }
-        // Judged at the nodes of the finest space, with an ε that sees folds.
-        let at = Parameters { scale, eps: 1e-3, lambda: settings.lambda };
-        let (before, after) =
-            (self.problem.evaluator.energy(x, at), self.problem.evaluator.energy(&better, at));
-        let keeps = before.min_det <= 0.0 || after.min_det > 0.0;
-        Ok(if keeps && after.energy < before.energy { better } else { x.to_vec() })
+        let found = self.problem.evaluator.energy(&points, at);
+        let keeps = before.min_det <= 0.0 || found.min_det > 0.0;
+        if keeps && found.energy < before.energy {
+            let settled = settings.tolerance >= COARSE_TOLERANCE && gain < settings.tolerance;
+            Ok(CoarseStart { points, found, settled })
+        } else {
+            Ok(same)
+        }
     }
 }
 
