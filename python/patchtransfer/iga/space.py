@@ -170,8 +170,8 @@ class SplineSpace:
         largest = max(max(patch.degrees) for patch in mp.patches) if degree is None else degree
         if largest > MAX_DEGREE:
             raise InputError(
-                f"degree {largest} of the field is not supported: above {MAX_DEGREE} matrices of B-splines are singular "
-                f"in double precision; use degree 1 to {MAX_DEGREE} and more points"
+                f"degree {largest} of the field is not supported: above {MAX_DEGREE} matrices of B-splines are "
+                f"singular in double precision; use degree 1 to {MAX_DEGREE} and more points"
             )
         if knots not in ("auto", "uniform"):
             raise InputError(f'knots = {knots!r} is not known, use "auto" or "uniform"')
