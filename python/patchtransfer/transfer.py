@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from .certificate import Certificate, certify
 from .clock import Clock
 from .continuity_report import check_continuity
-from .errors import InfeasibleTargetError, InputError, NotCertifiedError
+from .errors import InfeasibleTargetError, InputError, NotCertifiedError, TransferError
 from .feasibility import check_corners, check_loops, check_target_corners
 from .fitting import SMOOTH, FittedBoundary, fit_boundary
 from .g1 import check_g1_space
@@ -231,9 +231,15 @@ class TransferPlan:
             Runs the targets in parallel; None (the default) one after the other.
         **options
             As in `transfer`.
+
+        Raises
+        ------
+        TransferError
+            As `transfer` does, when the target's turn comes; the message begins with its place, as in "targets[3]: ".
         """
-        task = _Task(self, options)
-        return map(task, targets) if executor is None else executor.map(task, targets)
+        task, numbered = _Task(self, options), enumerate(targets)
+        # An executor takes all of them at once, and Dask's takes no iterators.
+        return map(task, numbered) if executor is None else executor.map(task, list(numbered))
 
     def refill(self, points: ArrayLike, progress: Progress | None = None) -> Refilled:
         """Parameterize a boundary that is given on the source's own sides: no registration, no fit.
@@ -474,7 +480,14 @@ class _Task:
     def __init__(self, plan: TransferPlan, options: dict[str, object]) -> None:
         self.plan, self.options = plan, options
 
-    def __call__(self, target: Boundary | tuple[Boundary, ArrayLike]) -> TransferResult:
-        if isinstance(target, Boundary):
-            return self.plan.transfer(target, **self.options)  # type: ignore[arg-type]
-        return self.plan.transfer(*target, **self.options)  # type: ignore[arg-type]
+    def __call__(self, numbered: tuple[int, Boundary | tuple[Boundary, ArrayLike]]) -> TransferResult:
+        number, target = numbered
+        arguments = (target,) if isinstance(target, Boundary) else target
+        try:
+            return self.plan.transfer(*arguments, **self.options)  # type: ignore[arg-type]
+        except TransferError as error:
+            error.args = (f"targets[{number}]: {error}", *error.args[1:])
+            raise
+        except Exception as error:
+            error.add_note(f"at targets[{number}]")
+            raise
