@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 import models
 import patchtransfer as pt
 import strategies
-from patchtransfer import _core, examples, iga
+from patchtransfer import InputError, _core, examples, iga
 from patchtransfer.cli import main
 from patchtransfer.iga.poisson import sine, sine_gradient, sine_load
+from patchtransfer.iga.space import MAX_DEGREE
 
 BENCH = Path(__file__).parents[1] / "benches" / "python" / "poisson_nutils.py"
 MODELS = os.environ.get("PATCHTRANSFER_MODELS")
@@ -310,3 +311,13 @@ def test_gradient_of_the_papers_solution():
     x, y, h = *np.random.default_rng(0).uniform(-1, 1, (2, 20)), 1e-6
     numeric = ((sine(x + h, y) - sine(x - h, y)) / (2 * h), (sine(x, y + h) - sine(x, y - h)) / (2 * h))
     np.testing.assert_allclose(sine_gradient(x, y), numeric, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["star", "human"])
+def test_the_largest_degree_can_be_solved(name):
+    """Two degrees above it no longer: the matrices of B-splines are singular in double precision."""
+    mp = examples.load(name)[0]
+    errors = [iga.poisson(mp, degree=p, points=p + 1).errors.l2 for p in (4, MAX_DEGREE)]
+    assert errors[1] < 0.1 * errors[0]
+    with pytest.raises(InputError, match=f"degree 17 of the field.*1 to {MAX_DEGREE}"):
+        iga.poisson(mp, degree=MAX_DEGREE + 1)

@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline, NdBSpline
 
+import models
 import patchtransfer as pt
+from patchtransfer import _core
 from patchtransfer.quality import quality, sample, span_basis
 
 KNOTS = [0, 0, 0, 0.3, 1, 1, 1]
@@ -200,3 +202,17 @@ def test_many_patches_are_measured_at_once():
         quality(mp)
         best = min(best, time.perf_counter() - start)
     assert best < 3e-3
+
+
+@pytest.mark.parametrize("signs", [[], [1.0], [1.0] * 3])
+def test_the_core_wants_one_sign_a_patch(signs):
+    """Alike in every function that takes them."""
+    mp = models.grid(2, 1, 2, 2)
+    patches = [patch.to_core() for patch in mp.patches]
+    message = f"{len(signs)} signs for 2 patches"
+    with pytest.raises(ValueError, match=message):
+        _core.certify_patches(patches, signs, 4)
+    with pytest.raises(ValueError, match=message):
+        _core.measure_quality(patches, signs, 4, [[], []])
+    with pytest.raises(ValueError, match="1 lists of excluded corners for 2 patches"):
+        _core.measure_quality(patches, [1.0, 1.0], 4, [[]])

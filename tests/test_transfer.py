@@ -1,8 +1,6 @@
 """Transfers end to end: evidence, refusals, plans, both methods, real models."""
 
 import os
-import pickle
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -202,37 +200,6 @@ def test_a_plan_gives_what_transfer_gives(family):
         assert same_points(plan.transfer(target), pt.transfer(mp, target))
     # Also the second time, and after others.
     assert same_points(plan.transfer(made[0]), pt.transfer(mp, made[0]))
-
-
-def test_plans_are_picklable_and_map_in_order(family):
-    _, plan, made = family
-    expected = [plan.transfer(target) for target in made]
-    again = pickle.loads(pickle.dumps(plan))
-    assert same_points(again.transfer(made[1]), expected[1])
-    assert all(map(same_points, plan.map(made), expected))
-    with ThreadPoolExecutor(3) as pool:
-        assert all(map(same_points, plan.map(made, executor=pool), expected))
-        assert all(map(same_points, plan.map(made, executor=pool), expected))
-    lazy = plan.map(iter(made))
-    assert same_points(next(lazy), expected[0])
-    (paper,) = plan.map(made[:1], method="paper")
-    assert paper.method == "paper"
-    result = pickle.loads(pickle.dumps(expected[0]))
-    assert result.multipatch == expected[0].multipatch
-
-
-def test_dask_runs_a_plan():
-    distributed = pytest.importorskip("distributed")
-    mp = models.grid(2, 2)
-    plan = pt.TransferPlan(mp)
-    given = [targets.deformed(mp, targets.bend(mp, angle)) for angle in (10, 20, 30)]
-    with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        there = list(plan.map(given, client.get_executor()))
-    for a, b in zip(there, plan.map(given), strict=True):
-        assert a.multipatch == b.multipatch
 
 
 # --- refusals -------------------------------------------------------------------------------------

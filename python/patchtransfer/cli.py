@@ -115,6 +115,23 @@ def _check_outputs(**outputs: str | None) -> None:
             raise InputError(f"{path}: cannot be written; choose another place or change the permissions")
 
 
+def _keep_inputs(inputs: Iterable[str | Path | None], outputs: Iterable[str | Path | None]) -> None:
+    """Refuse outputs that are files which the command reads: a model would be lost to its own result."""
+    given = [Path(path) for path in inputs if path is not None]
+    for output in (Path(path) for path in outputs if path is not None and str(path) != "-"):
+        for path in given:
+            if _same_file(path, output):
+                raise InputError(f"{output}: the result would replace the input {path}; choose another output")
+
+
+def _same_file(a: Path, b: Path) -> bool:
+    try:
+        return a.samefile(b)
+    except OSError:
+        # One of them does not exist.
+        return os.path.realpath(a) == os.path.realpath(b)
+
+
 def _set_threads(threads: int | None) -> None:
     if threads is not None:
         from . import _core
@@ -194,6 +211,7 @@ def transfer(
     with _failures(report):
         _check_outputs(model=output, picture=plot_path, report=json_path)
         _check_outputs(picture=plot_registration)
+        _keep_inputs([source, target, landmarks], [output, plot_path, plot_registration, json_path])
         _set_threads(threads)
         model, boundary = io.read(source), io.read_boundary(target)
         points = None if landmarks is None else io.read_landmarks(landmarks)
@@ -257,6 +275,7 @@ def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | Non
     with _failures(report):
         _check_outputs(model=output, picture=plot_path, report=json_path)
         given = io.read_layout(layout)
+        _keep_inputs([layout, given.boundary_file], [output, plot_path, json_path])
         result = from_layout(
             given.vertices,
             given.quads,
@@ -289,6 +308,7 @@ def refine(file: str, output: str, elevate: int, split: int, smoothness: int | N
 
     with _failures(_Report(None)):
         _check_outputs(model=output)
+        _keep_inputs([file], [output])
         model = io.read(file)
         model = (model.elevate(elevate) if elevate else model).split_spans(split)
         model = model if smoothness is None else model.reduce_continuity(smoothness)
@@ -309,6 +329,7 @@ def check(file: str, json_path: str | None) -> None:
     report = _Report(json_path)
     with _failures(report):
         _check_outputs(report=json_path)
+        _keep_inputs([file], [json_path])
         model = io.read(file)
         certificate = certify(model)
         degenerate = [(c.patch, c.point) for c in certificate.cells if c.kind == "degenerate"]
@@ -340,6 +361,7 @@ def plot(file: str, output: str) -> None:
 
     with _failures(_Report(None)):
         _check_outputs(picture=output)
+        _keep_inputs([file], [output])
         figure = plots.multipatch(io.read(file))
         plots.savefig(figure, output)
 

@@ -53,12 +53,13 @@ def batch(
     again to resume. summary.csv and summary.json list all targets. Exit status 1 when a target has no certified result,
     2 when the source is bad.
     """
-    from .batch import BatchOptions, run_batch, write_summary
-    from .cli import NOT_CERTIFIED, _failures, _print_error, _Report
+    from .batch import SUMMARY, BatchOptions, run_batch, write_summary
+    from .cli import NOT_CERTIFIED, _failures, _keep_inputs, _print_error, _Report
 
     processes = min(os.cpu_count() or 1, len(targets)) if workers is None else workers
     options = BatchOptions(method, refine, fit_tolerance, keep_uncertified)
     with _failures(_Report(None)):
+        _keep_inputs([source, *targets], [os.path.join(output, name) for name in SUMMARY])
         try:
             with _bar(len(targets)) as progress:
                 rows = run_batch(

@@ -35,7 +35,7 @@ def morph(
     """
     from . import io
     from .animation import animate, check_animation
-    from .cli import NOT_CERTIFIED, _failures, _print_error, _Report
+    from .cli import NOT_CERTIFIED, _failures, _keep_inputs, _print_error, _Report
     from .errors import InputError
     from .io.atomic import write_atomic
     from .io.vtu import format_series
@@ -46,13 +46,15 @@ def morph(
         animations = [folder / f"morph.{kind}" for kind, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
         for path in animations:
             check_animation(path)
+        digits = max(3, len(str(frames - 1)))
+        names = [f"frame-{i:0{digits}}" for i in range(frames)]
+        models = [folder / f"{name}{suffix}" for name in names for suffix in (".xml", ".vtu")]
+        _keep_inputs([a, b], [*models, *animations, folder / "morph.pvd", folder / "report.json"])
         result = run(io.read(a), io.read(b), frames, way=way, on_failure="return" if keep_uncertified else "raise")
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"{output}: the folder cannot be made ({error.strerror}); choose another one") from None
-        digits = max(3, len(str(frames - 1)))
-        names = [f"frame-{i:0{digits}}" for i in range(frames)]
         try:
             # Written last: a folder with a report is complete.
             (folder / "report.json").unlink(missing_ok=True)

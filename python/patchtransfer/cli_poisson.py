@@ -32,6 +32,7 @@ def poisson(
     report = cli._Report(json_path)
     with cli._failures(report):
         cli._check_outputs(picture=plot_path, report=json_path)
+        cli._keep_inputs([file], [plot_path, json_path])
         cli._set_threads(threads)
         result = solve(io.read(file), degree=degree, points=points, knots="uniform" if uniform else "auto")
         with cli._all_or_nothing(plot_path, json_path):

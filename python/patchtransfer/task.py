@@ -10,6 +10,7 @@ from uuid import uuid4
 
 from numpy.typing import ArrayLike
 
+from .errors import TransferError
 from .multipatch import Boundary
 from .result import TransferResult
 
@@ -34,11 +35,18 @@ class TransferTask:
         self.plan, self.options = plan, options
         self.name = uuid4().hex
 
-    def __call__(self, target: Boundary | tuple[Boundary, ArrayLike]) -> TransferResult:
-        """Transfer to a target, or to a pair of target and landmarks."""
-        if isinstance(target, Boundary):
-            return self.plan.transfer(target, **self.options)  # type: ignore[arg-type]
-        return self.plan.transfer(*target, **self.options)  # type: ignore[arg-type]
+    def __call__(self, numbered: tuple[int, Boundary | tuple[Boundary, ArrayLike]]) -> TransferResult:
+        """Transfer to a target, or to a pair of target and landmarks; the number is for messages."""
+        number, target = numbered
+        arguments = (target,) if isinstance(target, Boundary) else target
+        try:
+            return self.plan.transfer(*arguments, **self.options)  # type: ignore[arg-type]
+        except TransferError as error:
+            error.args = (f"targets[{number}]: {error}", *error.args[1:])
+            raise
+        except Exception as error:
+            error.add_note(f"at targets[{number}]")
+            raise
 
     def __reduce__(self) -> tuple[Callable[[str, bytes], TransferTask], tuple[str, bytes]]:
         return _arrived, (self.name, self._content)

@@ -232,9 +232,15 @@ class TransferPlan:
             Runs the targets in parallel; None (the default) one after the other.
         **options
             As in `transfer`.
+
+        Raises
+        ------
+        TransferError
+            As `transfer` does, when the target's turn comes; the message begins with its place, as in "targets[3]: ".
         """
-        task = TransferTask(self, options)
-        return map(task, targets) if executor is None else executor.map(task, targets)
+        task, numbered = TransferTask(self, options), enumerate(targets)
+        # An executor takes all of them at once, and Dask's takes no iterators.
+        return map(task, numbered) if executor is None else executor.map(task, list(numbered))
 
     def refill(self, points: ArrayLike, progress: Progress | None = None) -> Refilled:
         """Parameterize a boundary that is given on the source's own sides: no registration, no fit.

@@ -25,6 +25,7 @@ class LayoutFile:
     degree: int
     spans: int
     assignment: dict[int, list[float]]
+    boundary_file: Path
 
 
 def parse_layout(data: bytes, folder: Path, read_boundary: Any) -> LayoutFile:
@@ -60,5 +61,12 @@ def parse_layout(data: bytes, folder: Path, read_boundary: Any) -> LayoutFile:
         assignment = {int(v): [float(x), float(y)] for v, (x, y) in content.get("assignment", {}).items()}
     except (AttributeError, TypeError, ValueError):
         raise InputError('"assignment" must map vertex numbers to points [x, y]') from None
-    boundary = read_boundary(folder / content["boundary"])
-    return LayoutFile(content["vertices"], content["quads"], boundary, **numbers, assignment=assignment)
+    file = folder / content["boundary"]
+    return LayoutFile(
+        content["vertices"],
+        content["quads"],
+        read_boundary(file),
+        **numbers,
+        assignment=assignment,
+        boundary_file=file,
+    )

@@ -7,7 +7,7 @@ use patchtransfer_core::simple_loops::{self, MeetingKind, Place};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::convert::{CurveTuple, PatchTuple, curve, patch};
+use crate::convert::{CurveTuple, PatchTuple, curve, oriented};
 
 /// `(kind, (u0, u1, v0, v1), (u, v), value)`.
 type CellTuple = (&'static str, (f64, f64, f64, f64), (f64, f64), f64);
@@ -28,10 +28,7 @@ fn certify_patches(
     signs: Vec<f64>,
     max_depth: usize,
 ) -> PyResult<Vec<ProofTuple>> {
-    let patches = patches.iter().map(patch).collect::<PyResult<Vec<_>>>()?;
-    if signs.len() != patches.len() {
-        return Err(PyValueError::new_err(format!("{} signs for {} patches", signs.len(), patches.len())));
-    }
+    let patches = oriented(&patches, &signs)?;
     if patches.iter().flat_map(|p| p.degrees).any(|d| d == 0 || 3 * d > MAX_DEGREE + 1) {
         return Err(PyValueError::new_err(format!("degrees must be 1 to {}", (MAX_DEGREE + 1) / 3)));
     }

@@ -50,6 +50,20 @@ pub fn patch(tuple: &PatchTuple<'_>) -> PyResult<SplinePatch> {
     })
 }
 
+/// Patches and the signs of their orientations, as many of the one as of the other.
+pub fn oriented(tuples: &[PatchTuple<'_>], signs: &[f64]) -> PyResult<Vec<SplinePatch>> {
+    one_a_patch("signs", signs.len(), tuples.len())?;
+    tuples.iter().map(patch).collect()
+}
+
+/// Refuse lists that do not have one entry for every patch.
+pub fn one_a_patch(what: &str, count: usize, patches: usize) -> PyResult<()> {
+    if count == patches {
+        return Ok(());
+    }
+    Err(PyValueError::new_err(format!("one entry a patch is needed: {count} {what} for {patches} patches")))
+}
+
 /// `(knots, degree, control_points, weights)` as handed over from Python.
 pub type CurveTuple<'py> =
     (PyReadonlyArray1<'py, f64>, usize, PyReadonlyArray2<'py, f64>, Option<PyReadonlyArray1<'py, f64>>);

@@ -1,6 +1,6 @@
 //! Bindings of `patchtransfer_core::quality`.
 
-use crate::convert::{PatchTuple, patch};
+use crate::convert::{PatchTuple, one_a_patch, oriented, patch};
 use crate::threads;
 use numpy::ndarray::{Array2, Array3};
 use numpy::{IntoPyArray, PyArray2, PyArray3};
@@ -23,10 +23,8 @@ fn measure_quality(
     samples: usize,
     excluded: Vec<Vec<usize>>,
 ) -> PyResult<Vec<QualityTuple>> {
-    let patches = patches.iter().map(patch).collect::<PyResult<Vec<_>>>()?;
-    if signs.len() != patches.len() || excluded.len() != patches.len() {
-        return Err(PyValueError::new_err("signs, excluded corners and patches differ in number"));
-    }
+    let patches = oriented(&patches, &signs)?;
+    one_a_patch("lists of excluded corners", excluded.len(), patches.len())?;
     if samples < 2 {
         return Err(PyValueError::new_err("at least 2 samples a knot span are needed"));
     }
