@@ -37,7 +37,7 @@ def test_affine_maps_cost_nothing_and_all_others_something():
 
 @pytest.fixture(scope="module")
 def stretched():
-    """Shapes of a plate with a hole and its image under a quadratic map, and the true arc lengths of the source's nodes."""
+    """Shapes of a plate with a hole and its image under a quadratic map; true arc lengths of the source's nodes."""
     mp = models.plate_with_hole()
 
     def f(x):
