@@ -102,7 +102,8 @@ def test_holes_are_paired_by_position_and_by_landmarks():
         assert worst(registration, f) < (1e-6 if len(rows) == 16 else 0.08) * target.diameter
     # Two holes side by side, the target's in the other order.
     outer = polygon([[0, 0], [4, 0], [4, 2], [0, 2]])
-    holes = [[BSplineCurve(c.knots, 2, 0.3 * c.control_points + [x, 1], c.weights)] for c in [circle()] for x in (1, 3)]
+    c = circle().reversed()
+    holes = [[BSplineCurve(c.knots, 2, 0.3 * c.control_points + [x, 1], c.weights)] for x in (1, 3)]
     registration = register([outer, *holes], Boundary([holes[1], outer, holes[0]]))
     for r in registration.loops:
         np.testing.assert_allclose(r.source.polygon(8).mean(axis=0), r.target.polygon(8).mean(axis=0), atol=1e-6)
@@ -181,6 +182,17 @@ def test_numbers_of_loops_must_agree():
         register(plate.loops, sheet)
     with pytest.raises(InfeasibleTargetError, match=r"source has 0 holes and the target 1"):
         register(sheet.loops, plate)
+
+
+def test_source_loops_with_the_domain_on_their_right_are_refused():
+    """Their target is turned over, and with it every point but two."""
+    outer, hole = polygon(np.array(SQUARE) * 4 - 1.5), polygon(SQUARE)
+    target = Boundary([outer, hole])
+    with pytest.raises(InputError, match=r"source boundary: loop 1 has the domain on its right"):
+        register([outer, hole], target)
+    with pytest.raises(InputError, match=r"source boundary: loop 0 has the domain on its right"):
+        register([[c.reversed() for c in outer[::-1]]], Boundary([outer]))
+    assert len(register([outer, [c.reversed() for c in hole[::-1]]], target).loops) == 2
 
 
 M = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])

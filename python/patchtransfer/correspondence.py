@@ -4,12 +4,13 @@ A matching is a monotone path round two sampled loops, found by dynamic programm
 cost. What makes two points alike is first their surroundings at several scales, then, with a first matching at hand,
 their inner distances to all other matched points: lengths of shortest paths inside the domain, which bends and turned
 limbs change little (Ling, Jacobs: *Shape classification using the inner-distance*, IEEE TPAMI 29(2), 2007). Both stay
-the same under rotation, scaling and translation. Corners found and landmarks given, all other points slide at last.
+the same under rotation, scaling and translation. Corners found and landmarks given, all other points slide at last,
+until distances are kept best and the map between the boundaries is smooth (`inner_distances`, `thin_plate`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from .boundary_shape import BoundaryShape, image_of, turning
 from .inner_distances import slide
 from .splines import FloatArray
 
-__all__ = ["Match", "WholeMatch", "match_hole", "match_outer", "pair_holes", "rank_with_holes", "slide_all"]
+__all__ = ["Match", "WholeMatch", "match_hole", "match_outer", "pair_holes", "rank_with_holes", "smooth"]
 
 IntArray = NDArray[np.int64]
 
@@ -41,6 +42,8 @@ HOPELESS, HOPE = 3.0, 0.003
 SAME = 0.01
 #: Matchings this close in score, relatively and absolutely, are equally good.
 TIE, TIE_SCORE = 0.1, 1e-6
+#: Weight of the bending energy in the last slide.
+BENDING = 0.01
 #: Outlines are nearly round when 4 pi area / length² is at least this; how much worse the score may be without any
 #: rotation then.
 ROUND, ROUND_SCORE = 0.95, 1.5
@@ -60,12 +63,15 @@ class Match:
         Cost of the matching; 0 for similar shapes.
     corner_cost : float
         What corners contribute to it.
+    by_arc_length : bool
+        Whether it started from landmarks and arc length alone, because no path by shape keeps the landmarks.
     """
 
     anchors: FloatArray
     corners: FloatArray
     score: float
     corner_cost: float = 0.0
+    by_arc_length: bool = False
 
 
 @dataclass(frozen=True)
@@ -130,6 +136,7 @@ def rank_with_holes(
     partners: Mapping[int, int],
     fixed: Mapping[int, FloatArray],
     settled: Mapping[int, list[Match]],
+    otherwise: Mapping[int, Match],
 ) -> list[WholeMatch]:
     """Match the holes with every matching of the outer loop, and rank these by how well all loops fit together.
 
@@ -146,29 +153,44 @@ def rank_with_holes(
         Arc lengths of pairs that must correspond, of every source loop.
     settled : dict of lists of Match
         Loops whose matching is known.
+    otherwise : dict of Match
+        What holes take that no matching by shape fits, of every source loop with landmarks.
 
     Returns
     -------
     list of WholeMatch
-        One for every outer matching, best first; of equally good ones the one with the smallest rotation.
+        One for every outer matching after a common slide of all loops, best first, those that slid into each other
+        once; of equally good ones the one with the smallest rotation.
     """
     n = len(source.outlines)
     free = [k for k in range(n) if k not in partners]
     unpaired = [t for t in range(n) if t not in partners.values()]
-    wholes = {}
+    wholes = []
     for match in outer:
         pairs = dict(partners) | (pair_holes(source, target, match.anchors, free, unpaired) if free else {})
         to = tuple(pairs[k] for k in range(n))
-        holes = [settled.get(k) or match_hole(source, target, k, to[k], match.anchors, fixed[k]) for k in range(1, n)]
-        # Loops without a matching cannot slide; they are the same with every outer one.
-        if all(holes):
-            found = [match, *(hole[0] for hole in holes)]
-            energy = slide_all(source, target, to, found)[1]
-            match = replace(match, score=energy + sum(m.corner_cost for m in found))
-        wholes[id(match)] = WholeMatch(to, ([match], *holes))
-    ranked = sorted((whole.loops[0][0] for whole in wholes.values()), key=lambda match: match.score)
+        loops = [[match]]
+        for k in range(1, n):
+            by_shape = settled.get(k) or match_hole(source, target, k, to[k], match.anchors, fixed[k])
+            loops.append(list(by_shape) or [otherwise[k]])
+        anchors, energy = slide_all(source, target, to, [found[0] for found in loops], settled)
+        energy += sum(found[0].corner_cost for found in loops)
+        for k, found in enumerate(loops):
+            if k not in settled:
+                found[0] = replace(found[0], anchors=anchors[k], score=found[0].score if k else energy)
+        wholes.append(WholeMatch(to, tuple(loops)))
+    wholes.sort(key=lambda whole: whole.loops[0][0].score)
+    distinct: dict[int, WholeMatch] = {}
+    for whole in wholes:
+        best = whole.loops[0][0]
+        if all(
+            whole.partners != other.partners or _difference(best, other.loops[0][0]) > SAME
+            for other in distinct.values()
+        ):
+            distinct[id(best)] = whole
+    ranked = [whole.loops[0][0] for whole in distinct.values()]
     close = ROUND_SCORE - 1 if _turns_freely(source, ranked[0], fixed[0]) else TIE
-    return [wholes[id(match)] for match in _by_rotation(source, target, ranked, close)]
+    return [distinct[id(match)] for match in _by_rotation(source, target, ranked, close)]
 
 
 def _by_rotation(source: BoundaryShape, target: BoundaryShape, matches: list[Match], close: float) -> list[Match]:
@@ -224,11 +246,30 @@ def pair_holes(
 
 
 def slide_all(
-    source: BoundaryShape, target: BoundaryShape, partners: Sequence[int], matches: Sequence[Match]
+    source: BoundaryShape,
+    target: BoundaryShape,
+    partners: Sequence[int],
+    matches: Sequence[Match],
+    settled: Collection[int],
+    bending: float = 0.0,
 ) -> tuple[list[FloatArray], float]:
-    """Anchors of all loops after a common slide, and its energy; corners and given pairs stay."""
-    anchors = [match.anchors for match in matches]
-    return slide(source, target, partners, anchors, [match.corners[:, 0] for match in matches])
+    """Anchors of all loops after a common slide, and its energy; corners, given pairs and settled loops stay."""
+    keep = [source.s[k] if k in settled else match.corners[:, 0] for k, match in enumerate(matches)]
+    return slide(source, target, partners, [match.anchors for match in matches], keep, bending)
+
+
+def smooth(
+    source: BoundaryShape,
+    target: BoundaryShape,
+    partners: Sequence[int],
+    matches: Sequence[Match],
+    settled: Collection[int],
+) -> list[FloatArray]:
+    """Anchors of all loops after the last slide, which also makes the map between the boundaries smooth.
+
+    It comes last because a matching is judged by distances alone: a limb that turns bends the plane sharply.
+    """
+    return slide_all(source, target, partners, matches, settled, BENDING)[0]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,9 @@
 """The last step of matching by shape: matched points slide along the target until inner distances are kept best.
 
 Metric multidimensional scaling (least squares on distances, near ones weighted up) with the points confined to the
-target's boundary. All loops slide together, so that holes without a shape of their own find their start.
+target's boundary. All loops slide together, so that holes without a shape of their own find their start. Distances
+alone cannot tell how a boundary stretches where a bend lengthens one side and shortens the other: with `bending` the
+map is also made smooth (`thin_plate`).
 """
 
 from __future__ import annotations
@@ -13,11 +15,15 @@ from numpy.typing import NDArray
 
 from .boundary_shape import BoundaryShape, cyclic_gap, image_of, turning
 from .splines import FloatArray
+from .thin_plate import Bending
 
 __all__ = ["slide"]
 
-#: Gauss–Newton steps at most, and the part of the energy that a step must win.
-STEPS, GAIN = 16, 1e-3
+#: Gauss–Newton steps at most; sliding ends when one wins less than this part of the energy and moves no point by more
+#: than this part of its loop.
+STEPS, GAIN, SHORT = 16, 1e-3, 1e-4
+#: Times that a step which raises the energy is halved.
+HALVINGS = 4
 #: Weights of stretch along the loops and of unlike turning; added to the diagonal, relative to its mean.
 STRETCH, TURNING, DAMPING = 0.03, 1.0, 1e-6
 #: Squared distance (relative to the root mean square) that softens the weight 1/d².
@@ -32,6 +38,7 @@ def slide(
     partners: Sequence[int],
     anchors: Sequence[FloatArray],
     keep: Sequence[FloatArray],
+    bending: float = 0.0,
 ) -> tuple[list[FloatArray], float]:
     """Improve a matching of the first loops of `source`.
 
@@ -44,16 +51,19 @@ def slide(
         The matching of each loop to start from.
     keep : sequence of (r,) arrays
         Arc lengths of source nodes whose images stay: corners and landmarks.
+    bending : float, default 0
+        Weight of the bending energy.
 
     Returns
     -------
     anchors : list of (n + 1, 2) arrays
         At all nodes of the source.
     energy : float
-        Weighted mean square of the change of distances, relative to the distances.
+        Weighted mean square of the change of distances, relative to the distances; never above what the given anchors
+        have. Bending is part of it.
     """
     x = [image_of(a, s) for a, s in zip(anchors, source.s, strict=False)]
-    problem = _Distances(source, target, partners)
+    problem = _Distances(source, target, partners, bending)
     held = np.concatenate(
         [
             cyclic_gap(s, at, o.length) < 1e-9 * o.length
@@ -61,26 +71,29 @@ def slide(
         ]
     )
     ends = np.cumsum([len(y) for y in x])[:-1]
-    best, lowest = x, np.inf
-    for _ in range(STEPS):
-        energy, gradient, hessian = problem.model(x)
-        if energy < lowest:
-            gained = lowest - energy
-            best, lowest = x, energy
-        else:
-            gained = 0.0
-        if gained <= GAIN * lowest:
-            break
+    energy, gradient, hessian = problem.model(x)
+    for _ in range(0 if held.all() else STEPS):
         hessian[np.diag_indices(len(hessian))] += DAMPING * np.trace(hessian) / len(hessian)
         hessian[held] = hessian[:, held] = 0.0
         hessian[held, held] = 1.0
-        move = -np.linalg.solve(hessian, np.where(held, 0.0, gradient))
-        x = _step(x, np.split(move, ends), problem.lengths)
-    loops = zip(source.s, source.outlines, best, problem.lengths, strict=False)
+        moves = np.split(-np.linalg.solve(hessian, np.where(held, 0.0, gradient)), ends)
+        for halving in range(HALVINGS + 1):
+            trial = _step(x, [move / 2**halving for move in moves], problem.lengths)
+            found = problem.model(trial)
+            if found[0] < energy:
+                break
+        else:
+            break
+        gained = energy - found[0]
+        longest = max(float(abs(a - b).max()) / length for a, b, length in zip(trial, x, problem.lengths, strict=True))
+        x, (energy, gradient, hessian) = trial, found
+        if gained <= GAIN * energy and longest <= SHORT:
+            break
+    loops = zip(source.s, source.outlines, x, problem.lengths, strict=False)
     closed = [
         np.column_stack([np.append(s, s[0] + o.length), np.append(y, y[0] + length)]) for s, o, y, length in loops
     ]
-    return closed, lowest
+    return closed, energy
 
 
 def _step(x: Sequence[FloatArray], moves: Sequence[FloatArray], lengths: Sequence[float]) -> list[FloatArray]:
@@ -93,10 +106,14 @@ def _step(x: Sequence[FloatArray], moves: Sequence[FloatArray], lengths: Sequenc
 
 
 class _Distances:
-    """Least squares on the inner distances of matched points."""
+    """Least squares on the inner distances of matched points, and their bending energy of the given weight."""
 
-    def __init__(self, source: BoundaryShape, target: BoundaryShape, partners: Sequence[int]) -> None:
+    def __init__(
+        self, source: BoundaryShape, target: BoundaryShape, partners: Sequence[int], bending: float = 0.0
+    ) -> None:
         self.source, self.target, self.partners = source, target, partners
+        self.bending = bending
+        self.plate = Bending(source, target, partners) if bending else None
         self.lengths = [target.outlines[t].length for t in partners]
         n = source.rows(len(partners) - 1).stop
         self.wanted = source.distances[:n, :n]
@@ -121,6 +138,8 @@ class _Distances:
         hessian = 4 * w * slope * slope.T
         hessian[np.diag_indices(len(hessian))] += 4 * (w * slope * slope).sum(axis=1)
         energy += self._add_stretch(x, gradient, hessian) + self._add_turning(x, gradient, hessian)
+        if self.plate is not None:
+            energy += self.plate.add(x, self.bending, gradient, hessian)
         return energy, gradient, hessian
 
     def _interpolate(self, x: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from .boundary_shape import BoundaryShape, cyclic_gap, image_of
 from .corner_anchors import close_turn, corners_between, missed_corners, snap_corners
-from .correspondence import HOPE, HOPELESS, Match, match_outer, rank_with_holes, slide_all
+from .correspondence import HOPE, HOPELESS, Match, WholeMatch, match_outer, rank_with_holes, smooth
 from .errors import InfeasibleTargetError, InputError
 from .landmarks import landmark_anchors, pair_by_landmarks, place_landmarks, read_landmark_rows
 from .multipatch import Boundary
@@ -172,9 +172,10 @@ def register(
         When the numbers of loops differ.
     InputError
         On landmarks off the curves, out of order, or on loops that do not correspond; on target curves without
-        length, loops without area and loops given twice.
+        length, loops without area and loops given twice; on source loops with the domain on their right.
     """
     source_loops = [loop if isinstance(loop, Outline) else Outline(loop) for loop in source]
+    _check_sense(source_loops)
     target_loops = _outlines(target)
     if len(source_loops) != len(target_loops):
         raise InfeasibleTargetError(
@@ -248,28 +249,23 @@ def _match_shapes(
     of_target = {partner[k]: rows for k, rows in fixed.items() if k in partner}
     shape = BoundaryShape.sample(source, [fixed[k][:, 0] for k in range(len(source))])
     other = BoundaryShape.sample(target, [of_target.get(t, none)[:, 1] for t in range(len(target))])
-    warnings: list[str] = []
-
-    def or_arc_length(found: list[Match], k: int) -> list[Match]:
-        if found:
-            return found
-        warnings.append(
-            f"boundary loop {k}: no matching by shape keeps the landmarks (arcs differ too much in length); points "
-            "between them correspond at equal fractions of arc length"
-        )
-        return [Match(given[k], fixed[k], 0.0)]
-
-    outer = settled.get(0) or or_arc_length(match_outer(shape, other, fixed[0]), 0)
-    if len(source) == 1:
-        return partner, {0: outer}, warnings
-    ranked = rank_with_holes(shape, other, outer, partner, fixed, settled)
-    best = ranked[0]
-    matches = {0: [whole.loops[0][0] for whole in ranked]}
-    for k in range(1, len(source)):
-        matches[k] = or_arc_length(best.loops[k], k)
-    anchors = slide_all(shape, other, best.partners, [matches[k][0] for k in range(len(source))])[0]
+    otherwise = {k: Match(given[k], fixed[k], 0.0, by_arc_length=True) for k in given}
+    outer = settled.get(0) or match_outer(shape, other, fixed[0]) or [otherwise[0]]
+    best = WholeMatch((0,), (outer,))
+    matches = {0: outer}
+    if len(source) > 1:
+        ranked = rank_with_holes(shape, other, outer, partner, fixed, settled, otherwise)
+        best = ranked[0]
+        matches = dict(enumerate(best.loops)) | {0: [whole.loops[0][0] for whole in ranked]}
+    anchors = smooth(shape, other, best.partners, [matches[k][0] for k in range(len(source))], settled)
     for k in set(matches) - set(settled):
         matches[k][0] = replace(matches[k][0], anchors=anchors[k])
+    warnings = [
+        f"boundary loop {k}: no matching by shape keeps the landmarks (arcs differ too much in length); between them "
+        "the correspondence starts from equal fractions of arc length"
+        for k, found in matches.items()
+        if k in otherwise and k not in settled and found[0].by_arc_length
+    ]
     return dict(enumerate(best.partners)), matches, warnings
 
 
@@ -301,6 +297,16 @@ def _outlines(target: Boundary) -> list[Outline]:
         outline if (outline.area > 0) == (k == 0) else Outline([c.reversed() for c in reversed(outline.curves)])
         for k, outline in enumerate(outlines)
     ]
+
+
+def _check_sense(source: Sequence[Outline]) -> None:
+    """Raise `InputError` on source loops that run with the domain on their right."""
+    for k, outline in enumerate(source):
+        if (outline.area > 0) != (k == 0):
+            raise InputError(
+                f"source boundary: loop {k} has the domain on its right; the outer loop comes first and runs "
+                "counter-clockwise, holes run clockwise, as in multipatch.boundary(); reverse it"
+            )
 
 
 def _check_curves(target: Boundary, outlines: Sequence[Outline]) -> None:
