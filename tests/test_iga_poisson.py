@@ -321,3 +321,14 @@ def test_the_largest_degree_can_be_solved(name):
     assert errors[1] < 0.1 * errors[0]
     with pytest.raises(InputError, match=f"degree 17 of the field.*1 to {MAX_DEGREE}"):
         iga.poisson(mp, degree=MAX_DEGREE + 1)
+
+
+def test_a_model_with_many_waves_across_is_warned_of(tmp_path):
+    small = tmp_path / "small.xml"
+    source = examples.load("star")[0]
+    pt.write(source, small)
+    assert json.loads(CliRunner().invoke(main, ["poisson", str(small), "--json", "-"]).stdout)["warnings"] == []
+    pt.write(source.with_control_points([50 * p.control_points for p in source.patches]), tmp_path / "large.xml")
+    run = CliRunner().invoke(main, ["poisson", str(tmp_path / "large.xml")])
+    assert run.exit_code == 0
+    assert "scale the model" in run.stderr

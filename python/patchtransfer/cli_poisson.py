@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
+if TYPE_CHECKING:
+    from .iga import PoissonResult
+
 __all__ = ["poisson"]
+
+#: Relative L2 error above which a field does not resolve the solution.
+COARSE = 0.1
 
 
 @click.command()
@@ -35,12 +43,27 @@ def poisson(
         cli._keep_inputs([file], [plot_path, json_path])
         cli._set_threads(threads)
         result = solve(io.read(file), degree=degree, points=points, knots="uniform" if uniform else "auto")
+        warnings = _unresolved(result)
         with cli._all_or_nothing(plot_path, json_path):
             if plot_path is not None:
                 plot.savefig(solution(result), plot_path)
-            report.write(result.to_dict() | {"error": None})
+            report.write(result.to_dict() | {"warnings": warnings, "error": None})
+    for warning in warnings:
+        click.echo(f"warning: {warning}", err=True)
     if json_path != "-":
         _summary(result.to_dict())
+
+
+def _unresolved(result: PoissonResult) -> list[str]:
+    """A warning where the field is too coarse for the waves of u, as on models in millimetres."""
+    errors = result.errors
+    if errors is None or errors.l2 <= COARSE * errors.exact_l2:
+        return []
+    waves = result.multipatch.diameter / 2
+    return [
+        f"the error is {errors.l2 / errors.exact_l2:.0%} of u: its waves have length 2, and the model is {waves:.3g} "
+        "of them across, too many for this field; scale the model to about unit size, or take more --points"
+    ]
 
 
 def _summary(content: dict[str, object]) -> None:
