@@ -6,12 +6,8 @@ written with status 2, nor with 1 unless ``--keep-uncertified``.
 
 from __future__ import annotations
 
-import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import click
@@ -22,124 +18,21 @@ from . import __version__
 from .cli_batch import batch
 from .cli_morph import morph
 from .cli_poisson import poisson
-from .errors import InputError, NotCertifiedError, TransferError
+from .cli_support import (
+    NOT_CERTIFIED,
+    Report,
+    all_or_nothing,
+    check_outputs,
+    failures,
+    json_option,
+    keep_inputs,
+    set_threads,
+    status_line,
+    warn,
+)
+from .errors import InputError
 
 __all__ = ["main"]
-
-NOT_CERTIFIED, BAD_INPUT = 1, 2
-SUFFIXES = {"model": (".xml", ".vtu"), "picture": (".png", ".svg", ".pdf"), "report": (".json", ".txt")}
-
-
-@contextmanager
-def _all_or_nothing(*paths: str | None) -> Iterator[None]:
-    """Put files back as they were when writing one of several fails."""
-    files = [Path(path) for path in paths if path is not None and path != "-"]
-    if len({file.absolute() for file in files}) < len(files):
-        raise InputError("two outputs have the same path; give each a file of its own")
-    before = {file: file.read_bytes() if file.is_file() else None for file in files}
-    try:
-        yield
-    except BaseException:
-        for file, content in before.items():
-            if content is None:
-                file.unlink(missing_ok=True)
-            elif file.read_bytes() != content:
-                file.write_bytes(content)
-        raise
-
-
-def _print_error(message: str) -> None:
-    Console(stderr=True, soft_wrap=True, highlight=False).print(f"[bold red]error:[/] {_escape(message)}")
-
-
-def _warn(warnings: Iterable[str]) -> None:
-    for warning in warnings:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(f"[yellow]warning:[/] {_escape(warning)}")
-
-
-def _escape(text: str) -> str:
-    from rich.markup import escape
-
-    return escape(" ".join(str(text).split()))
-
-
-@contextmanager
-def _failures(report: _Report) -> Iterator[None]:
-    """Turn the package's errors into one line on standard error, a JSON report and an exit status."""
-    try:
-        yield
-    except NotCertifiedError as error:
-        _print_error(str(error))
-        details = error.result.to_dict() if error.result is not None else {}
-        report.write(details | {"error": str(error)}, failed=True)
-        sys.exit(NOT_CERTIFIED)
-    except TransferError as error:
-        _print_error(str(error))
-        report.write({"error": str(error)}, failed=True)
-        sys.exit(BAD_INPUT)
-    except KeyboardInterrupt:
-        _print_error("interrupted; nothing was written")
-        sys.exit(130)
-
-
-class _Report:
-    """The JSON report: a file, standard output for "-", or nowhere."""
-
-    def __init__(self, path: str | None) -> None:
-        self.path = path
-
-    def write(self, content: dict[str, Any], failed: bool = False) -> None:
-        """Write the report; after a failure only to standard output, because files are left alone then."""
-        if self.path is None or (failed and self.path != "-"):
-            return
-        text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-        if self.path == "-":
-            click.echo(text, nl=False)
-        else:
-            from .io.atomic import write_atomic
-
-            write_atomic(Path(self.path), text)
-
-
-def _check_outputs(**outputs: str | None) -> None:
-    """Refuse unwritable outputs and unknown formats before the work starts."""
-    for kind, path in outputs.items():
-        if path is None or (kind == "report" and path == "-"):
-            continue
-        if Path(path).suffix.lower() not in SUFFIXES[kind]:
-            raise InputError(f"{path}: unknown format for a {kind}; use {', '.join(SUFFIXES[kind])}")
-        folder = Path(path).absolute().parent
-        if not folder.is_dir():
-            raise InputError(f"{path}: the folder {folder} does not exist; create it first")
-        if not os.access(folder, os.W_OK) or Path(path).is_dir():
-            raise InputError(f"{path}: cannot be written; choose another place or change the permissions")
-
-
-def _keep_inputs(inputs: Iterable[str | Path | None], outputs: Iterable[str | Path | None]) -> None:
-    """Refuse outputs that are files which the command reads: a model would be lost to its own result."""
-    given = [Path(path) for path in inputs if path is not None]
-    for output in (Path(path) for path in outputs if path is not None and str(path) != "-"):
-        for path in given:
-            if _same_file(path, output):
-                raise InputError(f"{output}: the result would replace the input {path}; choose another output")
-
-
-def _same_file(a: Path, b: Path) -> bool:
-    try:
-        return a.samefile(b)
-    except OSError:
-        # One of them does not exist.
-        return os.path.realpath(a) == os.path.realpath(b)
-
-
-def _set_threads(threads: int | None) -> None:
-    if threads is not None:
-        from . import _core
-
-        _core.set_threads(threads)
-
-
-_json = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -181,7 +74,7 @@ main.add_command(poisson)
 @click.option("--keep-uncertified", is_flag=True, help="Write the best map even without a certificate.")
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
 @click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
-@_json
+@json_option
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
 def transfer(
     source: str,
@@ -207,15 +100,15 @@ def transfer(
     from . import io, plot
     from .transfer import transfer as run
 
-    report = _Report(json_path)
-    with _failures(report):
-        _check_outputs(model=output, picture=plot_path, report=json_path)
-        _check_outputs(picture=plot_registration)
-        _keep_inputs([source, target, landmarks], [output, plot_path, plot_registration, json_path])
-        _set_threads(threads)
+    report = Report(json_path)
+    with failures(report):
+        check_outputs(model=output, picture=plot_path, report=json_path)
+        check_outputs(picture=plot_registration)
+        keep_inputs([source, target, landmarks], [output, plot_path, plot_registration, json_path])
+        set_threads(threads)
         model, boundary = io.read(source), io.read_boundary(target)
         points = None if landmarks is None else io.read_landmarks(landmarks)
-        with _progress() as progress:
+        with status_line() as progress:
             result = run(
                 model,
                 boundary,
@@ -228,7 +121,7 @@ def transfer(
                 fixed_correspondence=fixed_correspondence,
                 on_failure="return" if keep_uncertified else "raise",
             )
-        with _all_or_nothing(output, plot_path, plot_registration, json_path):
+        with all_or_nothing(output, plot_path, plot_registration, json_path):
             if plot_path is not None:
                 metrics = result.quality.scaled_jacobian
                 caption = (
@@ -256,7 +149,7 @@ def transfer(
     quiet = json_path == "-"
     if not quiet:
         _summary(result.to_dict(), output)
-    _warn(result.warnings)
+    warn(result.warnings)
     sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
 
 
@@ -265,17 +158,17 @@ def transfer(
 @click.option("-o", "--output", required=True, metavar="OUT.xml", help="Multi-patch (G+Smo XML).")
 @click.option("--keep-uncertified", is_flag=True, help="Write the best map even without a certificate.")
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
-@_json
+@json_option
 def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | None, json_path: str | None) -> None:
     """Parameterize a domain from the quad layout LAYOUT (JSON) and the boundary that it names."""
     from . import io, plot
     from .layout import from_layout
 
-    report = _Report(json_path)
-    with _failures(report):
-        _check_outputs(model=output, picture=plot_path, report=json_path)
+    report = Report(json_path)
+    with failures(report):
+        check_outputs(model=output, picture=plot_path, report=json_path)
         given = io.read_layout(layout)
-        _keep_inputs([layout, given.boundary_file], [output, plot_path, json_path])
+        keep_inputs([layout, given.boundary_file], [output, plot_path, json_path])
         result = from_layout(
             given.vertices,
             given.quads,
@@ -285,14 +178,14 @@ def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | Non
             assignment=given.assignment,
             on_failure="return" if keep_uncertified else "raise",
         )
-        with _all_or_nothing(output, plot_path, json_path):
+        with all_or_nothing(output, plot_path, json_path):
             if plot_path is not None:
                 plot.savefig(plot.multipatch(result.multipatch), plot_path)
             io.write(result.multipatch, output)
             report.write(result.to_dict())
     if json_path != "-":
         _summary(result.to_dict(), output)
-    _warn(result.warnings)
+    warn(result.warnings)
     sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
 
 
@@ -306,9 +199,9 @@ def refine(file: str, output: str, elevate: int, split: int, smoothness: int | N
     """Raise degrees, split knot spans or repeat knots of the multi-patch FILE; its geometry stays."""
     from . import io
 
-    with _failures(_Report(None)):
-        _check_outputs(model=output)
-        _keep_inputs([file], [output])
+    with failures(Report(None)):
+        check_outputs(model=output)
+        keep_inputs([file], [output])
         model = io.read(file)
         model = (model.elevate(elevate) if elevate else model).split_spans(split)
         model = model if smoothness is None else model.reduce_continuity(smoothness)
@@ -318,7 +211,7 @@ def refine(file: str, output: str, elevate: int, split: int, smoothness: int | N
 
 @main.command()
 @click.argument("file", type=click.Path())
-@_json
+@json_option
 def check(file: str, json_path: str | None) -> None:
     """Topology, certificate, quality and continuity of the multi-patch FILE."""
     from . import io
@@ -326,10 +219,10 @@ def check(file: str, json_path: str | None) -> None:
     from .continuity_report import check_continuity
     from .quality import quality
 
-    report = _Report(json_path)
-    with _failures(report):
-        _check_outputs(report=json_path)
-        _keep_inputs([file], [json_path])
+    report = Report(json_path)
+    with failures(report):
+        check_outputs(report=json_path)
+        keep_inputs([file], [json_path])
         model = io.read(file)
         certificate = certify(model)
         degenerate = [(c.patch, c.point) for c in certificate.cells if c.kind == "degenerate"]
@@ -359,9 +252,9 @@ def plot(file: str, output: str) -> None:
     from . import io
     from . import plot as plots
 
-    with _failures(_Report(None)):
-        _check_outputs(picture=output)
-        _keep_inputs([file], [output])
+    with failures(Report(None)):
+        check_outputs(picture=output)
+        keep_inputs([file], [output])
         figure = plots.multipatch(io.read(file))
         plots.savefig(figure, output)
 
@@ -439,21 +332,6 @@ def _number(x: float | None) -> str:
     return "-" if x is None else f"{x:.4g}"
 
 
-@contextmanager
-def _progress() -> Iterator[Callable[[str, int, float, float], None] | None]:
-    """A status line on terminals, nothing when piped."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    with console.status("transferring") as status:
-
-        def show(stage: str, step: int, energy: float, determinant: float) -> None:
-            status.update(f"{stage}: step {step}, energy {energy:.4g}, smallest determinant {determinant:.3g}")
-
-        yield show
-
-
 @main.command()
 @click.argument("name", required=False)
 @click.option("-o", "--output", metavar="DIR", help="Folder for all files (default: the example's name).")
@@ -466,10 +344,10 @@ def examples(name: str | None, output: str | None) -> None:
             click.echo(f"{key}: {description}")
         return
     folder = name if output is None else output
-    with _failures(_Report(None)), _progress() as progress:
+    with failures(Report(None)), status_line() as progress:
         result = bundled.run(name, folder, progress)
     _summary(result.to_dict(), os.path.join(folder, ""))
-    _warn(result.warnings)
+    warn(result.warnings)
 
 
 main.add_command(batch)

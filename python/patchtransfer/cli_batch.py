@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .cli_support import NOT_CERTIFIED, Report, escape, failures, keep_inputs, print_error
+
 if TYPE_CHECKING:
     from .batch import BatchRow
 
@@ -54,12 +56,11 @@ def batch(
     2 when the source is bad.
     """
     from .batch import SUMMARY, BatchOptions, run_batch, write_summary
-    from .cli import NOT_CERTIFIED, _failures, _keep_inputs, _print_error, _Report
 
     processes = min(os.cpu_count() or 1, len(targets)) if workers is None else workers
     options = BatchOptions(method, refine, fit_tolerance, keep_uncertified)
-    with _failures(_Report(None)):
-        _keep_inputs([source, *targets], [os.path.join(output, name) for name in SUMMARY])
+    with failures(Report(None)):
+        keep_inputs([source, *targets], [os.path.join(output, name) for name in SUMMARY])
         try:
             with _bar(len(targets)) as progress:
                 rows = run_batch(
@@ -73,7 +74,7 @@ def batch(
                     progress=progress,
                 )
         except KeyboardInterrupt:
-            _print_error("interrupted; finished targets are kept, run the same command again to resume")
+            print_error("interrupted; finished targets are kept, run the same command again to resume")
             sys.exit(130)
         write_summary(rows, output)
     _table(rows)
@@ -100,8 +101,6 @@ def _table(rows: list[BatchRow]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from .cli import _escape
-
     table = Table(box=None, pad_edge=False)
     for name in ("target", "status", "min", "mean", "boundary error", "time", ""):
         table.add_column(name, justify="left" if name in ("target", "status", "") else "right")
@@ -111,7 +110,7 @@ def _table(rows: list[BatchRow]) -> None:
 
     for row in rows:
         table.add_row(
-            _escape(os.path.basename(row.target)),
+            escape(os.path.basename(row.target)),
             f"[{'green' if row.ok else 'red'}]{row.status}[/]",
             number(row.min_scaled_jacobian, ".3f"),
             number(row.mean_scaled_jacobian, ".3f"),
@@ -127,4 +126,4 @@ def _table(rows: list[BatchRow]) -> None:
         if row.error is not None:
             errors = Console(stderr=True, soft_wrap=True, highlight=False)
             reason = row.error.removeprefix(f"{row.target}: ")
-            errors.print(f"[bold red]{_escape(row.target)}:[/] {_escape(reason)}")
+            errors.print(f"[bold red]{escape(row.target)}:[/] {escape(reason)}")

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from .cli_support import NOT_CERTIFIED, Report, failures, keep_inputs, print_error
+
 __all__ = ["morph"]
 
 
@@ -35,13 +37,12 @@ def morph(
     """
     from . import io
     from .animation import animate, check_animation
-    from .cli import NOT_CERTIFIED, _failures, _keep_inputs, _print_error, _Report
     from .errors import InputError
     from .io.atomic import write_atomic
     from .io.vtu import format_series
     from .morph import morph as run
 
-    with _failures(_Report(None)):
+    with failures(Report(None)):
         folder = Path(output)
         animations = [folder / f"morph.{kind}" for kind, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
         for path in animations:
@@ -49,7 +50,7 @@ def morph(
         digits = max(3, len(str(frames - 1)))
         names = [f"frame-{i:0{digits}}" for i in range(frames)]
         models = [folder / f"{name}{suffix}" for name in names for suffix in (".xml", ".vtu")]
-        _keep_inputs([a, b], [*models, *animations, folder / "morph.pvd", folder / "report.json"])
+        keep_inputs([a, b], [*models, *animations, folder / "morph.pvd", folder / "report.json"])
         result = run(io.read(a), io.read(b), frames, way=way, on_failure="return" if keep_uncertified else "raise")
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -66,7 +67,7 @@ def morph(
             )
             for path in animations:
                 animate(list(result), path, fps=fps)
-            _Report(str(folder / "report.json")).write(
+            Report(str(folder / "report.json")).write(
                 {
                     "certified": result.certified,
                     "frames": [
@@ -76,7 +77,7 @@ def morph(
                 }
             )
         except KeyboardInterrupt:
-            _print_error(f"interrupted; {output} holds a part of the files and no report.json; run the command again")
+            print_error(f"interrupted; {output} holds a part of the files and no report.json; run the command again")
             sys.exit(130)
     good = sum(frame.certificate.injective for frame in result.frames)
     ways = sorted({frame.way for frame in result.frames[1:-1]})

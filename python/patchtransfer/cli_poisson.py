@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from .cli_support import Report, all_or_nothing, check_outputs, failures, json_option, keep_inputs, set_threads, warn
+
 if TYPE_CHECKING:
     from .iga import PoissonResult
 
@@ -20,7 +22,7 @@ COARSE = 0.1
 @click.option("--degree", type=int, metavar="P", help="Degree of the field (default: the geometry's).")
 @click.option("--points", type=int, metavar="N", help="Control points of the field per patch and direction.")
 @click.option("--uniform", is_flag=True, help="Uniform knots, even where the geometry's knots could be kept.")
-@click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
+@json_option
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: solution and absolute error.")
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
 def poisson(
@@ -33,23 +35,22 @@ def poisson(
     threads: int | None,
 ) -> None:
     """Solve -Δu = 2π² sin(πx) sin(πy) on the multi-patch FILE and compare with u = sin(πx) sin(πy)."""
-    from . import cli, io, plot
+    from . import io, plot
     from .iga import poisson as solve
     from .plot_solution import solution
 
-    report = cli._Report(json_path)
-    with cli._failures(report):
-        cli._check_outputs(picture=plot_path, report=json_path)
-        cli._keep_inputs([file], [plot_path, json_path])
-        cli._set_threads(threads)
+    report = Report(json_path)
+    with failures(report):
+        check_outputs(picture=plot_path, report=json_path)
+        keep_inputs([file], [plot_path, json_path])
+        set_threads(threads)
         result = solve(io.read(file), degree=degree, points=points, knots="uniform" if uniform else "auto")
         warnings = _unresolved(result)
-        with cli._all_or_nothing(plot_path, json_path):
+        with all_or_nothing(plot_path, json_path):
             if plot_path is not None:
                 plot.savefig(solution(result), plot_path)
             report.write(result.to_dict() | {"warnings": warnings, "error": None})
-    for warning in warnings:
-        click.echo(f"warning: {warning}", err=True)
+    warn(warnings)
     if json_path != "-":
         _summary(result.to_dict())
 

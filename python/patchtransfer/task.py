@@ -5,7 +5,6 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING
 from uuid import uuid4
 
 from numpy.typing import ArrayLike
@@ -13,9 +12,6 @@ from numpy.typing import ArrayLike
 from .errors import TransferError
 from .multipatch import Boundary
 from .result import TransferResult
-
-if TYPE_CHECKING:
-    from .transfer import TransferPlan
 
 __all__ = ["TransferTask"]
 
@@ -25,14 +21,14 @@ KEPT_TASKS = 2
 
 
 class TransferTask:
-    """A plan's transfer with its options.
+    """A plan's method `transfer` with its options.
 
     A process pool pickles it with every target. It arrives as bytes that are read only once a process, so that the plan
     there keeps its factorizations from one target to the next.
     """
 
-    def __init__(self, plan: TransferPlan, options: dict[str, object]) -> None:
-        self.plan, self.options = plan, options
+    def __init__(self, transfer: Callable[..., TransferResult], options: dict[str, object]) -> None:
+        self.transfer, self.options = transfer, options
         self.name = uuid4().hex
 
     def __call__(self, numbered: tuple[int, Boundary | tuple[Boundary, ArrayLike]]) -> TransferResult:
@@ -40,7 +36,7 @@ class TransferTask:
         number, target = numbered
         arguments = (target,) if isinstance(target, Boundary) else target
         try:
-            return self.plan.transfer(*arguments, **self.options)  # type: ignore[arg-type]
+            return self.transfer(*arguments, **self.options)
         except TransferError as error:
             error.args = (f"targets[{number}]: {error}", *error.args[1:])
             raise
@@ -53,7 +49,7 @@ class TransferTask:
 
     @cached_property
     def _content(self) -> bytes:
-        return pickle.dumps((self.plan, self.options))
+        return pickle.dumps((self.transfer, self.options))
 
 
 def _arrived(name: str, content: bytes) -> TransferTask:

@@ -238,7 +238,7 @@ class TransferPlan:
         TransferError
             As `transfer` does, when the target's turn comes; the message begins with its place, as in "targets[3]: ".
         """
-        task, numbered = TransferTask(self, options), enumerate(targets)
+        task, numbered = TransferTask(self.transfer, options), enumerate(targets)
         # An executor takes all of them at once, and Dask's takes no iterators.
         return map(task, numbered) if executor is None else executor.map(task, list(numbered))
 
