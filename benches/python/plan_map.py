@@ -1,4 +1,4 @@
-"""Many targets through one plan: ``python plan_map.py [-n 100] [--model FILE]``.
+"""Many targets through one plan: ``python plan_map.py [-n 100] [--model FILE] [--refinements K]``.
 
 Compares a cold `transfer()` for every target, of a source as read from a file, with one plan for all: one target after
 the other, and with an executor of two threads and of two processes. What counts are the ratios; the last two need
@@ -18,6 +18,7 @@ from transfer_yeti import bent_boundary
 
 import patchtransfer as pt
 from patchtransfer import examples
+from patchtransfer.refinement import refine_uniformly
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -30,9 +31,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-n", type=int, default=100)
     parser.add_argument("--model", help="multi-patch file; default the bundled wrench")
+    parser.add_argument("--refinements", type=int, default=0, help="halve all knot spans so often (default 0)")
     parser.add_argument("--continuity", default="c0")
     options = parser.parse_args()
     source = pt.read(options.model) if options.model else examples.load("wrench")[0]
+    for _ in range(options.refinements):
+        source = refine_uniformly(source)
     given = [bent_boundary(source, angle) for angle in np.linspace(0.2, 1.2, options.n)]
     plan = pt.TransferPlan(source, options.continuity)
     plan.transfer(*given[0])
