@@ -143,7 +143,9 @@ def test_failures_keep_their_result(failing, monkeypatch):
 
 
 SCRIPT = """
-import sys
+import signal, sys
+# A shell's background jobs, and what they start, ignore Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, sys.argv[1])
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import nullcontext
