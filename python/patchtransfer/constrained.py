@@ -302,7 +302,7 @@ class _Corners:
         u, v = (points[side] - points[self._apex] for side in (self._u, self._v))
         lengths = np.hypot(*u.T) * np.hypot(*v.T)
         sines = self._turn * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-        return np.divide(sines, lengths, out=np.zeros(len(lengths)), where=lengths > 0)
+        return np.asarray(np.divide(sines, lengths, out=np.zeros(len(lengths)), where=lengths > 0))
 
 
 def _around(topology: Topology, certificate: Certificate) -> frozenset[int]:
