@@ -64,8 +64,14 @@ pub struct SplineOptimizer {
     coarser: Vec<(Coarse, Problem)>,
     /// Factorization of the Laplacian over the unknowns, once it was asked for.
     laplacian: Option<Cholesky>,
-    /// The last map whose determinants were asked for, and these.
-    judged: Option<(Vec<[f64; 2]>, (f64, f64))>,
+    /// The last map whose determinants were asked for.
+    judged: Option<Judged>,
+}
+
+/// A map with its smallest and mean determinant.
+struct Judged {
+    points: Vec<[f64; 2]>,
+    determinants: (f64, f64),
 }
 
 /// Where the coarser spaces lead.
@@ -125,15 +131,15 @@ impl SplineOptimizer {
     /// Smallest and mean det A of a map, scaled to mean 1 where the mean is positive.
     pub fn determinants(&mut self, x: &[[f64; 2]]) -> (f64, f64) {
         // A caller that looked at its start need not pay for that twice.
-        if let Some((_, known)) = self.judged.as_ref().filter(|(last, _)| last == x) {
-            return *known;
+        if let Some(last) = self.judged.as_ref().filter(|last| last.points == x) {
+            return last.determinants;
         }
         let at = Parameters { scale: 1.0, eps: 1.0, lambda: 0.0 };
         let found = self.problem.evaluator.energy(x, at);
         let (min, mean) = (found.min_det, found.mean_det);
-        let found = if mean > 0.0 { (min / mean, mean) } else { (min, mean) };
-        self.judged = Some((x.to_vec(), found));
-        found
+        let determinants = if mean > 0.0 { (min / mean, mean) } else { (min, mean) };
+        self.judged = Some(Judged { points: x.to_vec(), determinants });
+        determinants
     }
 
     /// The spline harmonic map (Galerkin on the reference map) with the fixed points of `x`.
