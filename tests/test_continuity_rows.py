@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 import models
 import patchtransfer as pt
 import targets
+from patchtransfer import constrained, examples, interior
 from patchtransfer.constrained import best_under_rows
 from patchtransfer.continuity import ContinuityRows, c1_rows
 from patchtransfer.gluing import ControlRows, chord_ratios, control_rows
@@ -138,6 +140,84 @@ def test_first_order_row_in_control_points():
         closed -= c * p * (p - 1) / h * ((s[2] - s[1]) / (t[p + 2] - t[2]) - (s[1] - s[0]) / h)
         closed -= c1 * p / h * (s[1] - s[0])
         np.testing.assert_allclose((first @ x[r.columns])[0], closed, atol=1e-9 * np.abs(closed).max())
+
+
+def smooth_star(valence: int) -> pt.MultiPatch:
+    """Bicubic patches of 2 x 2 spans around a vertex, with g = D_L + D_R - c C' = 0 along straight spokes by design.
+
+    c = 2 cos(θ) (1 - t/h)^2 on the first span and 0 beyond, θ the angle of two neighbouring spokes. On the spoke along
+    x, D_L has c/2 as its x component, and a y component whose slope at the vertex makes the patch symmetric about its
+    bisector; the other spokes and patches are images of these by rotation.
+    """
+    theta, h = 2 * np.pi / valence, 0.5
+    knots = np.array([0, 0, 0, 0, h, h, 1, 1, 1, 1])
+    along = np.array([knots[j + 1 : j + 4].mean() for j in range(6)])
+    spoke = np.column_stack([along, np.zeros(6)])
+    across = np.column_stack([np.cos(theta) * np.array([1, 1 / 3, 0, 0, 0, 0]), np.full(6, np.sin(theta))])
+    across[1, 1] -= 2 / 3 * np.cos(theta) * np.tan(theta / 2)
+    mirror = np.array([[np.cos(theta), np.sin(theta)], [np.sin(theta), -np.cos(theta)]])
+    net = spoke[:, None] + (spoke @ mirror)[None]
+    net[:, 1] = spoke + h / 3 * across
+    net[1, :] = net[:, 1] @ mirror
+    net[:, 0], net[0, :] = spoke, spoke @ mirror
+    patches = []
+    for k in range(valence):
+        cos, sin = np.cos(k * theta), np.sin(k * theta)
+        patches.append(pt.Patch((knots, knots), (3, 3), net @ np.array([[cos, sin], [-sin, cos]])))
+    return models.welded(pt.MultiPatch(patches))
+
+
+@pytest.mark.parametrize("valence", [3, 5, 6, 7, 8])
+def test_rows_vanish_on_a_smooth_star(valence):
+    """All rows at once, those of the vertex included: an analytically smooth map whose gluing data are the rows'."""
+    mp = smooth_star(valence)
+    x, rows = mp.topology.coordinates, rows_of(mp)
+    assert pt.certify(mp).injective
+    assert (rows.vertex >= 0).sum() == 2 * valence
+    assert sorted(rows.order[rows.vertex >= 0]) == [0] * valence + [1] * valence
+    assert np.abs(rows.matrix @ x).max() < 1e-14
+    # And not on others: with a twist moved, its two interfaces are no longer smooth.
+    corner = mp.topology.points[0][1, 1]
+    off = x.copy()
+    off[corner] += [0.01, 0.0]
+    left = np.abs(rows.matrix @ off).max(axis=1)
+    assert sorted(rows.interface[left > 1e-4]) == sorted(set(rows.interface[left > 1e-4]))
+    assert (left > 1e-4).sum() == 2
+    assert (rows.order[left > 1e-4] == 1).all()
+
+
+@pytest.mark.parametrize("name", [*models.ALL, "single spans"])
+def test_vertex_rows_are_the_gluing_identity_and_its_derivative(name):
+    """Those gathered at once against the identity of every interface on its own."""
+    mp = jiggled(models.star(5, 3, 1) if name == "single spans" else models.ALL[name](), 2)
+    t, x, control = mp.topology, mp.topology.coordinates, control_rows(mp.topology)
+    rows, ratios, found = rows_of(mp), chord_ratios(mp.topology, control_rows(mp.topology), x), 0
+    extraordinary = {v.point for v in t.vertices if v.extraordinary}
+    for i, r in enumerate(control):
+        regular = np.array([2 * ratios[i], 2, 0]) / (1 + ratios[i])
+        ends = [int(r.curve[e]) in extraordinary for e in (0, -1)]
+        data = np.where(np.array(ends)[:, None], r.end_gluing(x), regular)
+        for end in (0, 1):
+            if not ends[end]:
+                continue
+            value, slope, bend = (v[None] for v in r.end_basis[end])
+            if len(r.breaks) == 2:
+                slopes = data[1] - data[0]
+            else:
+                leaving = (r.degree - 1) / np.diff(r.breaks)[-end] * (regular - data[end])
+                slopes = -leaving if end else leaving
+            zeroth = r.functional(data[[end]], value, slope)[0]
+            first = (r.functional(slopes[None], value, slope) + r.functional(data[[end]], slope, bend))[0]
+            for order, expected in enumerate((zeroth, first)):
+                here = (rows.interface == i) & (rows.vertex == int(r.curve[-end])) & (rows.order == order)
+                if order == 1 and not here.any():
+                    assert (i, int(r.curve[-end])) in rows.blocked
+                    continue
+                full = np.zeros(t.n_points)
+                np.add.at(full, r.columns, expected / np.linalg.norm(expected))
+                np.testing.assert_allclose(rows.matrix[here].toarray()[0], full, atol=1e-12)
+                found += 1
+    assert found == (rows.vertex >= 0).sum()
 
 
 def test_the_papers_row_is_a_special_case():
@@ -390,3 +470,90 @@ def test_kinks_of_real_models_fall(name, before, after):
     result = keeps_its_rows(mp, target, landmarks)
     assert result.continuity.kink_deg.mean < after
     assert len(knot_spans(mp.patches[0].knots[0])) <= 3
+
+
+def test_rows_follow_a_rough_map_as_well_as_the_exact_one(monkeypatch):
+    """Ratios of speeds within 1 %, the same quality, and the finest space is solved under rows only."""
+    mp = models.o_grid(3, 16)
+    target, landmarks = targets.deformed(mp, targets.bend(mp, 50))
+    plan = pt.TransferPlan(mp)
+    rough = plan.transfer(target, landmarks)
+    assert len(rough.log) == 2
+    assert rough.log[0].startswith("rough map")
+    assert rough.log[1].startswith(f"under {rough.rows.active} rows, optimise: ")
+    plain = pt.transfer(mp, target, landmarks, "c0").multipatch.topology.coordinates
+    control = control_rows(mp.topology)
+    start = plain.copy()
+    start[mp.topology.interior_points] = mp.topology.coordinates[mp.topology.interior_points]
+    optimizer = SplineOptimizer(mp.topology)
+    found = optimizer.minimise(optimizer.harmonic(start), tolerance=interior.ROUGH)
+    assert len(found.history) == 0
+    ratios = [chord_ratios(mp.topology, control, x) for x in (found.points, plain)]
+    np.testing.assert_allclose(*ratios, rtol=0.01)
+    monkeypatch.setattr(interior, "ROUGH", 1e-8)
+    exact = plan.transfer(target, landmarks)
+    assert abs(exact.quality.scaled_jacobian.mean - rough.quality.scaled_jacobian.mean) < 1e-3
+    assert abs(exact.continuity.kink_deg.mean - rough.continuity.kink_deg.mean) < 0.2
+    x, y = (r.multipatch.topology.coordinates for r in (exact, rough))
+    assert np.abs(x - y).max() < 2e-3 * mp.diameter
+
+
+def test_where_rows_fail_with_a_rough_map_the_exact_one_is_followed(monkeypatch):
+    mp = models.o_grid(3, 3)
+    target, landmarks = targets.deformed(mp, targets.bend(mp, 30))
+    plain = pt.transfer(mp, target, landmarks, "c0").multipatch.topology.coordinates
+    calls = []
+
+    def spy(topology, choices, make, reference, *rest, rounds, **options):
+        calls.append((rounds, reference))
+        points, certificate, log, rows = best_under_rows(
+            topology, choices, make, reference, *rest, rounds=rounds, **options
+        )
+        # As if an interface lost its rows with the rough map.
+        return points, certificate, log, replace(rows, without=(0,) if len(calls) == 1 else ())
+
+    monkeypatch.setattr(interior, "best_under_rows", spy)
+    result = pt.transfer(mp, target, landmarks)
+    assert [rounds for rounds, _ in calls] == [1, constrained.ROUNDS]
+    assert np.array_equal(calls[1][1], plain)
+    assert result.rows.without == ()
+    assert [entry.split()[0] for entry in result.log] == ["rough", "under", "optimise:", "under"]
+
+
+def test_rows_are_released_before_they_are_eliminated(monkeypatch):
+    mp, target, landmarks = examples.load("human")
+    eliminated = []
+
+    def count(rows, *rest):
+        eliminated.append(len(rows))
+        return row_space(rows, *rest)
+
+    monkeypatch.setattr(constrained, "row_space", count)
+    result = pt.transfer(mp, target, landmarks)
+    assert len(result.rows.released) > 0
+    assert eliminated == [result.rows.active]
+
+
+@pytest.mark.parametrize("name", ["grid p2", "plate with hole p3", "l-shape p3"])
+def test_corners_move_as_rows_beside_them_ask(name):
+    mp = jiggled(models.ALL[name](), 5)
+    t, x = mp.topology, mp.topology.coordinates
+    rows, corners = rows_of(mp), constrained._Corners(t)
+    moved = corners.with_rows(rows, x)
+    assert np.array_equal(moved[t.boundary_points], x[t.boundary_points])
+    first = {
+        int(r.curve[-2 if s.at_end else 1])
+        for v, around in t.spokes.items()
+        if v in t.boundary_points
+        for s in around
+        for r in (control_rows(t)[s.interface],)
+    }
+    here = np.isin(rows.slave, sorted(first))
+    assert here.any()
+    assert np.abs(rows.matrix @ x)[here].max() > 1e-3 * mp.diameter
+    assert np.abs(rows.matrix @ moved)[here].max() < 1e-13 * mp.diameter
+    # The nearest: moved at right angles to what the rows allow.
+    free = rows.matrix[here].toarray()[:, t.interior_points]
+    shift = (moved - x)[t.interior_points]
+    assert np.abs(shift - np.linalg.pinv(free) @ (free @ shift)).max() < 1e-12 * mp.diameter
+    assert corners.collapsed(x, x) == frozenset()

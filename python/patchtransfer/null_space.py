@@ -7,12 +7,13 @@ whole interface are first solved for the points that belong to that interface al
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, diags_array, hstack
+from scipy.sparse import csc_array, csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
@@ -122,7 +123,7 @@ def row_space(rows: ContinuityRows, interior: IntArray, points: FloatArray) -> R
         space = row_space(rows.select(np.flatnonzero(~np.isin(rows.interface, lost))), interior, points)
         return replace(space, contradictory=(*space.contradictory, *((int(i), -1) for i in lost)))
     return RowSpace(
-        rows=rows.select(np.setdiff1d(np.arange(len(rows)), dropped)),
+        rows=rows.select(np.setdiff1d(np.arange(len(rows)), dropped)) if len(dropped) else rows,
         interior=interior,
         basis=csc_array(_without_rounding(lift[interior, n:] @ null)),
         particular=_without_rounding(lift[interior, :n] + lift[interior, n:] @ particular),
@@ -145,29 +146,59 @@ def _substituted(rows: ContinuityRows, first: IntArray, free: np.ndarray) -> tup
     Returns the map from [fixed points, masters] to all points, the other rows in [fixed points, masters], and their
     indices.
     """
-    n = len(free)
-    slaves = rows.slave[first]
-    is_slave = np.zeros(n, bool)
-    is_slave[slaves] = True
-    spread = csr_array((np.ones(len(first)), (slaves, np.arange(len(first)))), shape=(n, len(first)))
-    once = _without_rounding(spread @ rows.matrix[first] + diags_array(is_slave.astype(float)))
-    power = _without_rounding(diags_array((~is_slave).astype(float)))
-    total = power
+    n, slaves = len(free), rows.slave[first]
+    number = np.full(n, -1)
+    number[slaves] = np.arange(len(first))
+    counts = np.diff(rows.matrix.indptr)[first]
+    entries = _ranges(rows.matrix.indptr[first], counts)
+    point, column, weight = np.repeat(slaves, counts), rows.matrix.indices[entries], rows.matrix.data[entries]
+    # Rows are scaled by their factor of the slave, so the others are its substitution.
+    others = point != column
+    point, column, weight = point[others], column[others], weight[others]
+    counts = np.bincount(number[point], minlength=len(first))
+    starts, columns, weights = np.cumsum(counts) - counts, column, weight
+    _check_depth(number[point], number[column], len(first))
+    parts = []
+    while len(point):
+        again = number[column] >= 0
+        parts.append((point[~again], column[~again], weight[~again]))
+        point, column, weight = point[again], column[again], weight[again]
+        times = counts[number[column]]
+        entries = _ranges(starts[number[column]], times)
+        point, column, weight = np.repeat(point, times), columns[entries], np.repeat(weight, times) * weights[entries]
+    place = np.arange(n)
+    masters = np.flatnonzero(free & (number < 0))
+    place[masters] = n + np.arange(len(masters))
+    kept = np.flatnonzero(number < 0)
+    point, column, weight = (np.concatenate(x) for x in zip(*parts, (kept, kept, np.ones(len(kept))), strict=True))
+    lift = csr_array((weight, (point, place[column])), shape=(n, n + len(masters)))
+    used = np.zeros(len(rows), bool)
+    used[first] = True
+    rest = np.flatnonzero(~used)
+    return lift, _without_rounding(rows.matrix[rest] @ lift), rest
+
+
+def _ranges(starts: IntArray, lengths: IntArray) -> IntArray:
+    """The ranges ``starts[k], ..., starts[k] + lengths[k] - 1`` one after the other."""
+    before = np.cumsum(lengths) - lengths
+    return np.repeat(starts - before, lengths) + np.arange(int(lengths.sum()))
+
+
+def _check_depth(substitution: IntArray, needs: IntArray, n: int) -> None:
+    """Raise unless substitutions end: `needs` are those that `substitution` takes points from, -1 for none."""
+    inner = needs >= 0
+    substitution, needs = substitution[inner], needs[inner]
+    depth = np.zeros(n, int)
     for _ in range(DEEPEST):
-        power = csr_array(once @ power)
-        if power.nnz == 0:
-            break
-        total = csr_array(total + power)
-    else:
-        raise InputError(
-            "C1 rows depend on each other in a circle: a patch has fewer than three control points across an "
-            "interface; raise the degree (MultiPatch.elevate) or use continuity c0"
-        )
-    masters = np.flatnonzero(free & ~is_slave)
-    fixed = csr_array(total @ diags_array((~free).astype(float)))
-    lift = csr_array(hstack([fixed, total[:, masters]]))
-    others = np.setdiff1d(np.arange(len(rows)), first)
-    return lift, _without_rounding(rows.matrix[others] @ lift), others
+        deeper = depth.copy()
+        np.maximum.at(deeper, substitution, depth[needs] + 1)
+        if (deeper == depth).all():
+            return
+        depth = deeper
+    raise InputError(
+        "C1 rows depend on each other in a circle: a patch has fewer than three control points across an "
+        "interface; raise the degree (MultiPatch.elevate) or use continuity c0"
+    )
 
 
 def _interfaces_solved(rows: ContinuityRows, free: np.ndarray) -> tuple[csr_array, csr_array, IntArray]:
@@ -198,7 +229,7 @@ def _interfaces_solved(rows: ContinuityRows, free: np.ndarray) -> tuple[csr_arra
         u, sigma, _ = np.linalg.svd(block[:, own].toarray())
         strong = int((sigma > STRONG).sum())
         inside, outside = u.T @ block[:, own].toarray(), u.T @ block[:, rest].toarray()
-        solution, null = _echelon(inside[:strong])
+        solution, null = (x[0] for x in _echelon(inside[None, :strong]))
         columns = np.concatenate([column[rest], width + np.arange(null.shape[1])])
         width += null.shape[1]
         # own = -solution outside + null y, with new unknowns y: some of the points themselves.
@@ -219,9 +250,10 @@ def _interfaces_solved(rows: ContinuityRows, free: np.ndarray) -> tuple[csr_arra
 
 
 def _assembled(blocks: list[tuple[IntArray, IntArray, FloatArray]], shape: tuple[int, int]) -> csr_array:
-    """Sum of dense blocks at the given rows and columns."""
-    row = np.concatenate([[], *(np.repeat(r, len(c)) for r, c, _ in blocks)]).astype(int)
-    columns = np.concatenate([[], *(np.tile(c, len(r)) for r, c, _ in blocks)]).astype(int)
+    """Sum of dense blocks, or of stacks of them, at the given rows and columns."""
+    row = np.concatenate([[], *(np.repeat(r, c.shape[-1], axis=-1).ravel() for r, c, _ in blocks)]).astype(int)
+    wide = [np.repeat(np.expand_dims(c, -2), r.shape[-1], axis=-2).ravel() for r, c, _ in blocks]
+    columns = np.concatenate([[], *wide]).astype(int)
     return csr_array((np.concatenate([[], *(b.ravel() for _, _, b in blocks)]), (row, columns)), shape=shape)
 
 
@@ -235,75 +267,103 @@ def _solve_groups(
     """
     tolerance = CONSISTENT * float(np.linalg.norm(np.ptp(points, axis=0)))
     m, n = matrix.shape
-    groups = _tied(matrix)
-    alone = np.setdiff1d(np.arange(n), np.concatenate([[], *(c for _, c in groups)]).astype(int))
-    at_fixed, place, width = np.asarray(fixed @ points), np.empty(n, int), len(alone)
+    at_fixed = np.asarray(fixed @ points)
+    empty = np.diff(matrix.indptr) == 0
+    contradicted = np.abs(at_fixed).max(axis=1, initial=0.0) > tolerance
+    dropped, redundant = np.flatnonzero(empty & contradicted).tolist(), int((empty & ~contradicted).sum())
+    alone = np.ones(n, bool)
+    alone[matrix.indices] = False
+    width = int(alone.sum())
     nulls: list[tuple[IntArray, IntArray, FloatArray]] = []
     solutions: list[tuple[IntArray, IntArray, FloatArray]] = []
-    dropped: list[int] = []
-    redundant = 0
-    for r, c in groups:
-        own = matrix[r]
-        place[c] = np.arange(len(c))
-        dense = np.zeros((len(r), len(c)))
-        dense[np.repeat(np.arange(len(r)), np.diff(own.indptr)), place[own.indices]] = own.data
-        kept = _consistent(dense, at_fixed[r], tolerance, order[r])
-        dropped += r[~kept].tolist()
-        u, sigma, vt = np.linalg.svd(dense[kept])
-        rank = int((sigma > RANK_TOLERANCE).sum())
-        redundant += int(kept.sum()) - rank
+
+    def solve(r: IntArray, c: IntArray, u: FloatArray, sigma: FloatArray, vt: FloatArray) -> None:
+        nonlocal width, redundant
+        redundant += r.size - sigma.size
         # On orthonormal rows: weak ones would lose their digits.
-        solution, null = _echelon(vt[:rank])
-        solutions.append((c, r[kept], -solution @ (u[:, :rank].T / sigma[:rank, None])))
-        nulls.append((c, width + np.arange(null.shape[1]), null))
-        width += null.shape[1]
-    identity = csr_array((np.ones(len(alone)), (alone, np.arange(len(alone)))), shape=(n, width))
+        solution, null = _echelon(vt)
+        solutions.append((c, r, -solution @ (np.swapaxes(u, 1, 2) / sigma[:, :, None])))
+        nulls.append((c, width + np.arange(null[:, 0].size).reshape(null.shape[0], null.shape[2]), null))
+        width += nulls[-1][1].size
+
+    for r, c, dense in _tied(matrix):
+        u, sigma, vt = np.linalg.svd(dense, full_matrices=False)
+        large = sigma > RANK_TOLERANCE
+        # No y reaches what the fixed points leave outside of the range.
+        inside = u * large[:, None, :]
+        missed = at_fixed[r] - inside @ (np.swapaxes(inside, 1, 2) @ at_fixed[r])
+        fine = np.abs(missed).max(axis=(1, 2)) <= tolerance
+        rank = large.sum(axis=1)
+        for value in np.unique(rank[fine]):
+            k = np.flatnonzero(fine & (rank == value))
+            solve(r[k], c[k], u[k, :, :value], sigma[k, :value], vt[k, :value])
+        for i in np.flatnonzero(~fine):
+            kept = _consistent(dense[i], at_fixed[r[i]], tolerance, order[r[i]])
+            dropped += r[i, ~kept].tolist()
+            u_i, sigma_i, vt_i = np.linalg.svd(dense[i, kept], full_matrices=False)
+            rest = int((sigma_i > RANK_TOLERANCE).sum())
+            solve(r[i, kept][None], c[i][None], u_i[None, :, :rest], sigma_i[None, :rest], vt_i[None, :rest])
+    identity = csr_array((np.ones(alone.sum()), (np.flatnonzero(alone), np.arange(alone.sum()))), shape=(n, width))
     null_vectors = csr_array(identity + _assembled(nulls, (n, width)))
     return null_vectors, csr_array(_assembled(solutions, (n, m)) @ fixed), np.array(dropped, int), redundant
 
 
 def _echelon(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Solve ``matrix`` y = b of full row rank for as many entries of y as it has rows, the best pivots.
+    """Solve ``matrix`` y = b of full row rank for as many entries of y as it has rows, the best pivots; stacked.
 
     Returns the solution's matrix on b, where the other entries are 0, and null vectors: sparser than orthonormal
     ones, because the other entries are their coordinates.
     """
-    k, n = matrix.shape
+    stack, k, n = matrix.shape
     # Gauss-Jordan with complete pivoting: LAPACK's pivoted QR costs more in threads than these small matrices do.
-    work, pivots = np.hstack([matrix, np.eye(k)]), np.full(k, -1)
+    work = np.concatenate([matrix, np.broadcast_to(np.eye(k), (stack, k, k))], axis=2)
+    pivots, waiting, each = np.full((stack, k), -1), np.ones((stack, k, 1)), np.arange(stack)
     for _ in range(k):
-        size = np.abs(work[:, :n])
-        size[pivots >= 0] = 0.0
-        row, column = divmod(int(size.argmax()), n)
-        pivots[row] = column
-        work[row] /= work[row, column]
-        factor = work[:, column].copy()
-        factor[row] = 0.0
-        work -= factor[:, None] * work[row]
-    others = np.setdiff1d(np.arange(n), pivots)
-    solution, null = np.zeros((n, k)), np.zeros((n, n - k))
-    solution[pivots] = work[:, n:]
-    null[pivots] = -work[:, others]
-    null[others, np.arange(n - k)] = 1.0
+        size = np.abs(work[:, :, :n]) * waiting
+        row, column = np.divmod(size.reshape(stack, -1).argmax(axis=1), n)
+        pivots[each, row], waiting[each, row] = column, 0.0
+        top = work[each, row] / work[each, row, column][:, None]
+        work -= work[each, :, column][:, :, None] * top[:, None]
+        work[each, row] = top
+    each = each[:, None]
+    chosen = np.zeros((stack, n), bool)
+    chosen[each, pivots] = True
+    others = np.argsort(chosen, axis=1, kind="stable")[:, : n - k]
+    solution, null = np.zeros((stack, n, k)), np.zeros((stack, n, n - k))
+    solution[each, pivots] = work[:, :, n:]
+    null[each, pivots] = -np.take_along_axis(work[:, :, :n], others[:, None], axis=2)
+    null[each, others, np.arange(n - k)] = 1.0
     return solution, null
 
 
-def _tied(matrix: csr_array) -> list[tuple[IntArray, IntArray]]:
-    """Rows and columns that belong together; rows without entries form a group of their own."""
-    m, n = matrix.shape
-    entries = matrix.tocoo()
-    graph = csr_array((np.ones(entries.nnz), (entries.row, m + entries.col)), shape=(m + n, m + n))
-    label = connected_components(graph, directed=False)[1]
-    label[:m][np.diff(matrix.indptr) == 0] = -1
+def _tied(matrix: csr_array) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Rows, columns and blocks of the entries that belong together, blocks of the same shape stacked."""
+    if not matrix.nnz:
+        return
+    m, row = matrix.shape[0], np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+    used, column = np.unique(matrix.indices, return_inverse=True)
+    size = m + len(used)
+    label = connected_components(csr_array((np.ones(len(row)), (row, m + column)), shape=(size, size)), False)[1]
     by_row, by_column = np.argsort(label[:m], kind="stable"), np.argsort(label[m:], kind="stable")
-    sorted_rows, sorted_columns = label[:m][by_row], label[m:][by_column]
-    return [
-        (
-            by_row[slice(*np.searchsorted(sorted_rows, [g, g + 1]))],
-            by_column[slice(*np.searchsorted(sorted_columns, [g, g + 1]))],
+    heights, widths = (np.bincount(x, minlength=int(label.max()) + 1) for x in (label[:m], label[m:]))
+    top, left = np.cumsum(heights) - heights, np.cumsum(widths) - widths
+    place = np.empty(size, int)
+    place[by_row] = np.arange(m) - top[label[by_row]]
+    place[m + by_column] = np.arange(len(used)) - left[label[m + by_column]]
+    for height, width in sorted({*zip(heights.tolist(), widths.tolist(), strict=True)}):
+        if not width:
+            continue
+        members = np.flatnonzero((heights == height) & (widths == width))
+        number = np.full(len(heights), -1)
+        number[members] = np.arange(len(members))
+        there = number[label[row]] >= 0
+        dense = np.zeros((len(members), height, width))
+        dense[number[label[row[there]]], place[row[there]], place[m + column[there]]] = matrix.data[there]
+        yield (
+            by_row[top[members, None] + np.arange(height)],
+            used[by_column[left[members, None] + np.arange(width)]],
+            dense,
         )
-        for g in np.unique(sorted_rows)
-    ]
 
 
 def _consistent(dense: FloatArray, fixed: FloatArray, tolerance: float, order: IntArray) -> np.ndarray:

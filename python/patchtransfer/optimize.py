@@ -32,7 +32,8 @@ Progress = Callable[[str, int, float, float], None]
 AREA_WEIGHT = 0.3
 #: Relative Newton decrement at which a solution is taken ...
 TOLERANCE = 1e-8
-#: ... and one that only rows are read from: coarser spaces are solved to this, and the finest seldom has to be.
+#: ... and one that only rows follow: speeds across interfaces come out within 1 %, and the finest space seldom has
+#: to be solved for it.
 ROUGH = 1e-4
 #: Rounds of adding nodes where the certificate fails.
 ROUNDS = 8
@@ -115,8 +116,9 @@ class SplineOptimizer:
     ) -> OptimizedMap:
         """Minimise the distortion energy from `points` (n_points, 2); boundary points stay.
 
-        Stops where a Newton step would lower the energy by less than the fraction `tolerance`. Ctrl-C is honoured
-        between Newton steps.
+        Stops where a Newton step would lower the energy by less than the fraction `tolerance`; with `ROUGH` from a
+        smooth start (a harmonic map) already in coarser spaces where the last of them gained no more than that.
+        Ctrl-C is honoured between Newton steps.
         """
         out = self._core.minimise(points, area_weight, max_steps, tolerance, progress)
         return OptimizedMap(*out)

@@ -179,13 +179,15 @@ impl Problem {
             let last = steps.last().copied();
             let near = |below: f64| last.is_some_and(|s| s.min_det > 0.0 && s.decrement < below);
             let kept = usable && near(KEEP_BELOW);
-            if !kept {
+            let mut fresh = !kept;
+            if fresh {
                 self.factorize(&now, at, near(EXACT_BELOW))?;
             }
             let mut slope = self.solve(&now.gradient, &mut direction);
             if kept && last.is_some_and(|s| -slope > KEEP_WHILE * s.decrement * s.energy) {
                 self.factorize(&now, at, true)?;
                 slope = self.solve(&now.gradient, &mut direction);
+                fresh = true;
             }
             let Summary { energy, min_det, .. } = now.summary;
             let step = Step { energy, min_det, eps: at.eps, decrement: -slope / energy.abs() };
@@ -212,7 +214,10 @@ impl Problem {
             usable = length.is_some();
             if now.summary.min_det > 0.0 {
                 if length.is_none() {
-                    break Stop::Stalled;
+                    if fresh {
+                        break Stop::Stalled;
+                    }
+                    continue;
                 }
                 if at.eps != EPS_FEASIBLE {
                     (at.eps, usable) = (EPS_FEASIBLE, false);
