@@ -161,7 +161,9 @@ def test_interrupt_while_the_core_runs(tmp_path):
     pt.write(mp, tmp_path / "s.xml")
     pt.write(target, tmp_path / "t.xml")
     # Imports may take long on a loaded machine, and are not what is interrupted here.
-    code = "import patchtransfer.transfer, patchtransfer.cli as c; print('ready', flush=True); c.main()"
+    # A shell's background jobs, and what they start, ignore Ctrl-C.
+    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{heed}; import patchtransfer.transfer, patchtransfer.cli as c; print('ready', flush=True); c.main()"
     command = [sys.executable, "-c", code, "transfer", "s.xml", "t.xml", "-o", "out.xml"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, cwd=tmp_path, env=os.environ, **pipes) as process:

@@ -89,7 +89,10 @@ class InterfaceContinuity:
 
 @dataclass(frozen=True)
 class VertexContinuity:
-    """How well the gluing identity holds at an extraordinary vertex.
+    """How well analysis-suitable gluing holds at an extraordinary vertex.
+
+    Vertex rows of ``continuity="c1"`` hold with gluing data that bend near the vertex, so these numbers do not vanish
+    there; ``result.rows.residual`` is theirs.
 
     Attributes
     ----------
