@@ -169,8 +169,9 @@ pub fn compare_distances(
 ) -> DistanceModel {
     let n = positions.len();
     assert!(distances.len() == nodes * nodes && wanted.len() == n * n && weight.len() == n * n);
-    let (mut found, mut slope) = (vec![0.0; n * n], vec![0.0; n * n]);
+    let (mut found, mut slope, mut other) = (vec![0.0; n * n], vec![0.0; n * n], vec![0.0; n * n]);
     let (mut cross, mut square) = (0.0, 0.0);
+    // The pair (a, b) has one slope for each of its ends.
     for (a, p) in positions.iter().enumerate() {
         let (low, high) = (&distances[p.before * nodes..][..nodes], &distances[p.after * nodes..][..nodes]);
         for (b, q) in positions.iter().enumerate() {
@@ -179,6 +180,9 @@ pub fn compare_distances(
             let k = a * n + b;
             found[k] = first * (1.0 - p.fraction) + second * p.fraction;
             slope[k] = (second - first) / p.gap;
+            let along = (low[q.after] - low[q.before]) * (1.0 - p.fraction)
+                + (high[q.after] - high[q.before]) * p.fraction;
+            other[k] = along / q.gap;
             cross += weight[k] * wanted[k] * found[k];
             square += weight[k] * found[k] * found[k];
         }
@@ -194,8 +198,7 @@ pub fn compare_distances(
             energy += w * residual * residual;
             gradient[a] += 4.0 * w * residual * s;
             diagonal += 4.0 * w * s * s;
-            // The pair (a, b) has the slopes [a, b] and [b, a] at its two ends.
-            hessian[k] = 4.0 * w * s * scale * slope[b * n + a];
+            hessian[k] = 4.0 * w * s * scale * other[k];
         }
         hessian[a * n + a] += diagonal;
     }
