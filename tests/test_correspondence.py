@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import models
 import targets
-from patchtransfer import Boundary, BSplineCurve, examples, read
+from patchtransfer import Boundary, BSplineCurve, examples, read, transfer
 from patchtransfer.registration import register
 from test_outline import polygon
 from test_registration import SQUARE, loop, quick
@@ -199,3 +199,12 @@ def test_a_bend_across_stretches_one_side_and_compresses_the_other(degrees, dire
     mp = read(f"{MODELS}/yeti.xml")
     target, truth = targets.deformed(mp, across(mp, degrees, direction), seed=4)
     assert correspondence_error(register(mp.boundary().loops, target), target, truth) < 0.015
+
+
+def test_a_wrench_bent_across_its_length_is_certified():
+    """With joints 0.01 of the diagonal off, two sides cross at a corner, and no injective map exists."""
+    mp = examples.load("wrench")[0]
+    target, truth = targets.deformed(mp, across(mp, 30, 0), seed=3)
+    result = transfer(mp, target, fixed_correspondence=True)
+    assert result.certificate.status == "certified"
+    assert correspondence_error(result.registration, target, truth) < 0.005

@@ -106,6 +106,15 @@ class DistortionDescent:
     def energy(self, u: FloatArray) -> float: ...
 
 def inner_distances(points: FloatArray, sizes: list[int]) -> FloatArray: ...
+def compare_distances(
+    distances: FloatArray,
+    before: IntArray,
+    after: IntArray,
+    fraction: FloatArray,
+    gap: FloatArray,
+    wanted: FloatArray,
+    weight: FloatArray,
+) -> tuple[float, FloatArray, FloatArray]: ...
 
 class Matching:
     def __init__(

@@ -120,12 +120,12 @@ def image_of(anchors: FloatArray, s: FloatArray) -> FloatArray:
 
 def turning(outline: Outline, s: FloatArray) -> FloatArray:
     """Angles (n, windows) between the chords that arrive at and leave the points at `s`, in parts of half a turn."""
-    here, columns = outline.point(s), []
-    for window in WINDOWS:
-        w = window * outline.length
-        a, b = here - outline.point(s - w), outline.point(s + w) - here
-        columns.append(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)) / np.pi)
-    return np.column_stack(columns)
+    shifts = np.multiply([0.0, *(-w for w in WINDOWS), *WINDOWS], outline.length)
+    # One call: most loops are short, and calls cost more than points.
+    points = outline.point(s + shifts[:, None])
+    before, after = points[0] - points[1 : len(WINDOWS) + 1], points[len(WINDOWS) + 1 :] - points[0]
+    cross = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
+    return np.asarray(np.arctan2(cross, (before * after).sum(axis=2)).T / np.pi)
 
 
 def _nodes(outline: Outline, n: int, extra: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 
 from . import _core
 from .boundary_shape import BoundaryShape, image_of, turning
-from .inner_distances import slide
+from .inner_distances import energy_of, slide
 from .splines import FloatArray
 
 __all__ = ["Match", "WholeMatch", "match_hole", "match_outer", "pair_holes", "rank_with_holes", "smooth"]
@@ -173,12 +173,8 @@ def rank_with_holes(
         for k in range(1, n):
             by_shape = settled.get(k) or match_hole(source, target, k, to[k], match.anchors, fixed[k])
             loops.append(list(by_shape) or [otherwise[k]])
-        anchors, energy = slide_all(source, target, to, [found[0] for found in loops], settled)
-        energy += sum(found[0].corner_cost for found in loops)
-        for k, found in enumerate(loops):
-            if k not in settled:
-                found[0] = replace(found[0], anchors=anchors[k], score=found[0].score if k else energy)
         wholes.append(WholeMatch(to, tuple(loops)))
+    wholes = _slid_together(source, target, wholes, settled)
     wholes.sort(key=lambda whole: whole.loops[0][0].score)
     distinct: dict[int, WholeMatch] = {}
     for whole in wholes:
@@ -191,6 +187,29 @@ def rank_with_holes(
     ranked = [whole.loops[0][0] for whole in distinct.values()]
     close = ROUND_SCORE - 1 if _turns_freely(source, ranked[0], fixed[0]) else TIE
     return [distinct[id(match)] for match in _by_rotation(source, target, ranked, close)]
+
+
+def _slid_together(
+    source: BoundaryShape, target: BoundaryShape, wholes: Sequence[WholeMatch], settled: Collection[int]
+) -> list[WholeMatch]:
+    """Matchings after a common slide of all loops each, with its energy as their score; without the hopeless ones."""
+    corner_cost = [sum(found[0].corner_cost for found in whole.loops) for whole in wholes]
+    before = [
+        energy_of(source, target, whole.partners, [found[0].anchors for found in whole.loops]) + cost
+        for whole, cost in zip(wholes, corner_cost, strict=True)
+    ]
+    slid: list[WholeMatch] = []
+    for i in np.argsort(before, kind="stable").tolist():
+        if slid and before[i] > HOPELESS * min(before) + HOPE:
+            continue
+        loops = [list(found) for found in wholes[i].loops]
+        anchors, energy = slide_all(source, target, wholes[i].partners, [found[0] for found in loops], settled)
+        for k, found in enumerate(loops):
+            if k not in settled:
+                score = found[0].score if k else energy + corner_cost[i]
+                found[0] = replace(found[0], anchors=anchors[k], score=score)
+        slid.append(WholeMatch(wholes[i].partners, tuple(loops)))
+    return slid
 
 
 def _by_rotation(source: BoundaryShape, target: BoundaryShape, matches: list[Match], close: float) -> list[Match]:

@@ -11,19 +11,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from . import _core
 from .boundary_shape import BoundaryShape, cyclic_gap, image_of, turning
 from .splines import FloatArray
 from .thin_plate import Bending
 
-__all__ = ["slide"]
+__all__ = ["energy_of", "slide"]
 
-#: Gauss–Newton steps at most; sliding ends when one wins less than this part of the energy and moves no point by more
-#: than this part of its loop.
-STEPS, GAIN, SHORT = 16, 1e-3, 1e-4
-#: Times that a step which raises the energy is halved.
-HALVINGS = 4
+#: Gauss–Newton steps at most, and the part of the energy that a step must win.
+STEPS, GAIN = 16, 1e-3
+#: With bending steps go on while they move a point by more than this part of its loop, and are halved so many times
+#: when they raise the energy: that slide gives the result, others only rank matchings.
+SHORT, HALVINGS = 1e-4, 3
 #: Weights of stretch along the loops and of unlike turning; added to the diagonal, relative to its mean.
 STRETCH, TURNING, DAMPING = 0.03, 1.0, 1e-6
 #: Squared distance (relative to the root mean square) that softens the weight 1/d².
@@ -77,7 +77,7 @@ def slide(
         hessian[held] = hessian[:, held] = 0.0
         hessian[held, held] = 1.0
         moves = np.split(-np.linalg.solve(hessian, np.where(held, 0.0, gradient)), ends)
-        for halving in range(HALVINGS + 1):
+        for halving in range(HALVINGS + 1 if bending else 1):
             trial = _step(x, [move / 2**halving for move in moves], problem.lengths)
             found = problem.model(trial)
             if found[0] < energy:
@@ -87,13 +87,21 @@ def slide(
         gained = energy - found[0]
         longest = max(float(abs(a - b).max()) / length for a, b, length in zip(trial, x, problem.lengths, strict=True))
         x, (energy, gradient, hessian) = trial, found
-        if gained <= GAIN * energy and longest <= SHORT:
+        if gained <= GAIN * energy and (not bending or longest <= SHORT):
             break
     loops = zip(source.s, source.outlines, x, problem.lengths, strict=False)
     closed = [
         np.column_stack([np.append(s, s[0] + o.length), np.append(y, y[0] + length)]) for s, o, y, length in loops
     ]
     return closed, energy
+
+
+def energy_of(
+    source: BoundaryShape, target: BoundaryShape, partners: Sequence[int], anchors: Sequence[FloatArray]
+) -> float:
+    """Energy of a matching of the first loops as it is, without bending; see `slide`."""
+    x = [image_of(a, s) for a, s in zip(anchors, source.s, strict=False)]
+    return _Distances(source, target, partners).model(x)[0]
 
 
 def _step(x: Sequence[FloatArray], moves: Sequence[FloatArray], lengths: Sequence[float]) -> list[FloatArray]:
@@ -111,62 +119,67 @@ class _Distances:
     def __init__(
         self, source: BoundaryShape, target: BoundaryShape, partners: Sequence[int], bending: float = 0.0
     ) -> None:
-        self.source, self.target, self.partners = source, target, partners
+        self.target, self.partners = target, partners
         self.bending = bending
         self.plate = Bending(source, target, partners) if bending else None
+        loops = range(len(partners))
         self.lengths = [target.outlines[t].length for t in partners]
         n = source.rows(len(partners) - 1).stop
-        self.wanted = source.distances[:n, :n]
-        parts = [source.outlines[k].length / source.outlines[0].length for k in range(len(partners))]
-        self.loop_parts = parts
-        self.turning = [turning(source.outlines[k], source.s[k]) for k in range(len(partners))]
-        share = np.concatenate([source.shares(k) * part for k, part in enumerate(parts)])
+        self.wanted = np.ascontiguousarray(source.distances[:n, :n])
+        parts = [source.outlines[k].length / source.outlines[0].length for k in loops]
+        shares = [source.shares(k) for k in loops]
+        share = np.concatenate([x * part for x, part in zip(shares, parts, strict=True)])
         self.weight = share[:, None] * share / (self.wanted**2 + SOFT)
         self.weight[self.wanted < NEAR * np.sqrt(share[:, None] * share)] = 0.0
         self.weight /= self.weight.sum()
+        # Turning: what is wanted at every node, and its weight.
+        self.turning = [turning(source.outlines[k], source.s[k]) for k in loops]
+        self.turning_weight = [
+            TURNING * part * x[:, None] / wanted.shape[1]
+            for part, x, wanted in zip(parts, shares, self.turning, strict=True)
+        ]
+        # Stretch: the next node of every node, and steps as they are without stretch.
+        first = [source.rows(k).start for k in loops]
+        self.next = np.concatenate([f + np.roll(np.arange(len(x)), -1) for f, x in zip(first, shares, strict=True)])
+        self.turn = np.zeros(n)
+        self.turn[[source.rows(k).stop - 1 for k in loops]] = self.lengths
+        self.part = np.concatenate([np.diff(source.positions(k)) for k in loops])
+        self.length = np.repeat(self.lengths, [len(x) for x in shares])
+        self.stretching = np.repeat([STRETCH * part**2 for part in parts], [len(x) for x in shares])
 
-    def model(self, x: Sequence[FloatArray]) -> tuple[float, FloatArray, NDArray[np.float64]]:
+    def model(self, x: Sequence[FloatArray]) -> tuple[float, FloatArray, FloatArray]:
         """Energy, gradient and Gauss–Newton matrix in the target's arc lengths."""
-        found, slope = self._interpolate(x)
-        w, d = self.weight, self.wanted
-        # Sizes are compared up to the best scale.
-        scale = float((w * d * found).sum() / (w * found * found).sum())
-        residual, slope = scale * found - d, scale * slope
-        energy = float((w * residual**2).sum())
-        gradient = 4 * (w * residual * slope).sum(axis=1)
-        # The pair (i, j) has the slopes [i, j] and [j, i] at its two ends.
-        hessian = 4 * w * slope * slope.T
-        hessian[np.diag_indices(len(hessian))] += 4 * (w * slope * slope).sum(axis=1)
+        before, after, fraction, gap = [], [], [], []
+        for t, y in zip(self.partners, x, strict=True):
+            index, f = self.target.locate(t, y)
+            nodes = self.target.s[t]
+            first, n = self.target.rows(t).start, len(nodes)
+            before.append(first + index)
+            after.append(first + (index + 1) % n)
+            fraction.append(f)
+            gap.append(np.diff(nodes, append=nodes[0] + self.target.outlines[t].length)[index])
+        energy, gradient, hessian = _core.compare_distances(
+            self.target.distances,
+            np.concatenate(before),
+            np.concatenate(after),
+            np.concatenate(fraction),
+            np.concatenate(gap),
+            self.wanted,
+            self.weight,
+        )
         energy += self._add_stretch(x, gradient, hessian) + self._add_turning(x, gradient, hessian)
         if self.plate is not None:
             energy += self.plate.add(x, self.bending, gradient, hessian)
         return energy, gradient, hessian
 
-    def _interpolate(self, x: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """Target's distances at arc lengths `x`, and their derivatives by the row's arc length."""
-        before, after, fraction, gap = [], [], [], []
-        for t, y in zip(self.partners, x, strict=True):
-            index, f = self.target.locate(t, y)
-            first, n = self.target.rows(t).start, len(self.target.s[t])
-            before.append(first + index)
-            after.append(first + (index + 1) % n)
-            fraction.append(f)
-            gap.append(np.diff(self.target.positions(t))[index] * self.target.outlines[t].length)
-        i, j, f, h = (np.concatenate(v) for v in (before, after, fraction, gap))
-        d = self.target.distances
-        rows, slope = (1 - f)[:, None] * d[i] + f[:, None] * d[j], (d[j] - d[i]) / h[:, None]
-        return rows[:, i] * (1 - f) + rows[:, j] * f, slope[:, i] * (1 - f) + slope[:, j] * f
-
     def _add_turning(self, x: Sequence[FloatArray], gradient: FloatArray, hessian: FloatArray) -> float:
         """Energy of unlike turning at matched points; adds to gradient and matrix."""
         energy, first = 0.0, 0
-        for k, (t, y) in enumerate(zip(self.partners, x, strict=True)):
-            wanted, outline = self.turning[k], self.target.outlines[t]
-            n = len(y)
+        for t, y, wanted, weight in zip(self.partners, x, self.turning, self.turning_weight, strict=True):
+            outline, n = self.target.outlines[t], len(y)
             h = 0.002 * outline.length
             found = turning(outline, np.concatenate([y - h, y, y + h])).reshape(3, n, -1)
             residual, slope = found[1] - wanted, (found[2] - found[0]) / (2 * h)
-            weight = TURNING * self.loop_parts[k] * self.source.shares(k)[:, None] / wanted.shape[1]
             energy += float((weight * residual**2).sum())
             at = first + np.arange(n)
             gradient[at] += 2 * (weight * residual * slope).sum(axis=1)
@@ -176,17 +189,14 @@ class _Distances:
 
     def _add_stretch(self, x: Sequence[FloatArray], gradient: FloatArray, hessian: FloatArray) -> float:
         """Energy of uneven stretch along the loops; adds to gradient and matrix."""
-        energy, first = 0.0, 0
-        for k, (y, length) in enumerate(zip(x, self.lengths, strict=True)):
-            mu, part = STRETCH * self.loop_parts[k] ** 2, np.diff(self.source.positions(k))
-            stretch = np.diff(y, append=y[0] + length) / (part * length) - 1
-            energy += mu * float((part * stretch**2).sum())
-            here = first + np.arange(len(y))
-            there = np.roll(here, -1)
-            first += len(y)
-            for at, sign in ((there, 1.0), (here, -1.0)):
-                gradient[at] += sign * 2 * mu * stretch / length
-                hessian[at, at] += 2 * mu / (part * length**2)
-            hessian[here, there] -= 2 * mu / (part * length**2)
-            hessian[there, here] -= 2 * mu / (part * length**2)
-        return energy
+        y = np.concatenate(x)
+        here, there, mu = np.arange(len(y)), self.next, self.stretching
+        stretch = (y[there] - y + self.turn) / (self.part * self.length) - 1
+        force, stiffness = 2 * mu * stretch / self.length, 2 * mu / (self.part * self.length**2)
+        gradient[there] += force
+        gradient -= force
+        hessian[there, there] += stiffness
+        hessian[here, here] += stiffness
+        hessian[here, there] -= stiffness
+        hessian[there, here] -= stiffness
+        return float((mu * self.part * stretch**2).sum())

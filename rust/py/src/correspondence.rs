@@ -25,6 +25,50 @@ fn inner_distances<'py>(
     Ok(Array2::from_shape_vec((n, n), flat).expect("sizes agree").into_pyarray(py))
 }
 
+/// Energy, gradient (n,) and Gauss–Newton matrix (n, n) of the distances between positions on a boundary; see
+/// `patchtransfer_core::inner_distance::compare_distances`.
+#[pyfunction]
+#[allow(clippy::type_complexity, clippy::too_many_arguments)]
+fn compare_distances<'py>(
+    py: Python<'py>,
+    distances: PyReadonlyArray2<'_, f64>,
+    before: PyReadonlyArray1<'_, i64>,
+    after: PyReadonlyArray1<'_, i64>,
+    fraction: PyReadonlyArray1<'_, f64>,
+    gap: PyReadonlyArray1<'_, f64>,
+    wanted: PyReadonlyArray2<'_, f64>,
+    weight: PyReadonlyArray2<'_, f64>,
+) -> PyResult<(f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    let (n, nodes) = (before.len(), distances.shape()[0]);
+    let square = |shape: &[usize], size: usize| shape == [size, size];
+    if !square(distances.shape(), nodes) || !square(wanted.shape(), n) || !square(weight.shape(), n) {
+        return Err(PyValueError::new_err("matrices must be square and fit the positions"));
+    }
+    if after.len() != n || fraction.len() != n || gap.len() != n {
+        return Err(PyValueError::new_err("positions differ in number"));
+    }
+    let node = |k: i64| {
+        usize::try_from(k)
+            .ok()
+            .filter(|&k| k < nodes)
+            .ok_or_else(|| PyValueError::new_err(format!("no node {k} among {nodes}")))
+    };
+    let mut positions = Vec::with_capacity(n);
+    for k in 0..n {
+        positions.push(inner_distance::Position {
+            before: node(before.as_array()[k])?,
+            after: node(after.as_array()[k])?,
+            fraction: fraction.as_array()[k],
+            gap: gap.as_array()[k],
+        });
+    }
+    let (distances, wanted, weight) = (distances.as_slice()?, wanted.as_slice()?, weight.as_slice()?);
+    let model =
+        threads::run(py, || inner_distance::compare_distances(distances, nodes, &positions, wanted, weight))?;
+    let hessian = Array2::from_shape_vec((n, n), model.hessian).expect("sizes agree");
+    Ok((model.energy, model.gradient.into_pyarray(py), hessian.into_pyarray(py)))
+}
+
 /// Two closed sequences and the costs of matching them; see `patchtransfer_core::matching`.
 #[pyclass(frozen)]
 struct Matching {
@@ -118,5 +162,6 @@ impl Matching {
 /// Add this file's names to the module.
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<Matching>()?;
+    m.add_function(wrap_pyfunction!(compare_distances, m)?)?;
     m.add_function(wrap_pyfunction!(inner_distances, m)?)
 }
