@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import sys
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import models
 import patchtransfer as pt
 from patchtransfer.feasibility import check_corners, check_loops, corner_report
 
@@ -121,3 +123,19 @@ def test_corner_kinds_agree_with_the_certificate():
         loops = mp.boundary().loops
         kinds = [c.kind for c in corner_report(loops, [[True] * 4])]
         assert sorted(kinds) == sorted(["regular"] * 3 + [kind])
+
+
+def test_a_crossing_is_told_before_landmarks_are_blamed(monkeypatch):
+    """A hole turned inside out in a loop of its own: its landmarks run backwards, but that is not what is wrong."""
+    mp = models.plate_with_hole(2, 2)
+    hole = [[0.3, 0.3], [-0.3, -0.3], [0.3, -0.3], [-0.3, 0.3]]
+    outer = [curve.start.tolist() for curve in mp.boundary().loops[0]]
+    target = pt.Boundary([polygon(outer), polygon(hole)])
+    starts = [curve.start for curve in mp.boundary().loops[1]]
+    backwards = np.array([[*starts[0], *hole[0]], [*starts[2], *hole[3]], [*starts[4], *hole[1]]])
+    plan = pt.TransferPlan(mp, "c0")
+    # And at once: no correspondence is looked for.
+    monkeypatch.setattr(sys.modules["patchtransfer.transfer"], "register", None)
+    for landmarks in (None, backwards):
+        with pytest.raises(pt.InfeasibleTargetError, match=r"boundary loop 1 crosses itself at .*curve \d.*curve \d"):
+            plan.transfer(target, landmarks)

@@ -2,9 +2,9 @@
 
 The model (yeti of `PATCHTRANSFER_MODELS`, else the bundled wrench, or a file) is bent, refined uniformly again and
 again, and solved at every size in a process of its own, so that the peak memory is that of the size. The yardstick is
-SciPy's SuperLU on the Newton matrix of the same map, in the same process; CHOLMOD takes part where `cvxopt` is, G+Smo
-where `pygismo` is. `GB` is what the optimiser adds to the process. Times are CPU time, by default on one
-thread: on a shared machine they vary less than what the clock says, but ratios are what counts.
+SciPy's SuperLU on the Newton matrix of the same map, in the same process; CHOLMOD takes part where `scikit-sparse` or
+`cvxopt` is, G+Smo where `pygismo` is. `GB` is what the optimiser adds to the process. Times are CPU time, by default on
+one thread: on a shared machine they vary less than what the clock says, but ratios are what counts.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, csc_matrix
 from scipy.sparse.linalg import splu
 from transfer_yeti import SciPyOptimizer, bend, gismo
 
@@ -106,7 +106,15 @@ def peers(model: pt.MultiPatch, points: np.ndarray, start: np.ndarray) -> dict[s
 
 
 def cholmod(matrix: csc_array) -> Callable[[], object] | None:
-    """One analysis and factorization by CHOLMOD as ``pip install cvxopt`` brings it; None where it is missing."""
+    """One analysis and factorization by CHOLMOD, from scikit-sparse or else cvxopt; None where both are missing."""
+    try:
+        from sksparse.cholmod import cholesky
+
+        # Compressed columns are what it takes; anything else would be converted inside the time.
+        symmetric = csc_matrix(matrix)
+        return lambda: cholesky(symmetric)
+    except ImportError:
+        pass
     try:
         import cvxopt
         from cvxopt import cholmod as solver

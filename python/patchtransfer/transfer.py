@@ -280,11 +280,14 @@ class TransferPlan:
 
     def _register(self, target: Boundary, landmarks: ArrayLike | None, method: str, clock: Clock) -> Registration:
         """Correspondence of the boundaries, on a target that allows an injective map."""
+        with clock("feasibility"):
+            # Before what depends on a correspondence is blamed on landmarks. As given, so that messages name the user's
+            # own loops, curves and parameters. Registration itself refuses another number of loops.
+            same = len(target.loops) == len(self._loops)
+            notes = check_loops(target.loops, "target boundary") if same else []
         with clock("registration"):
             registration = register(self._outlines, target, landmarks, marked_curves=method == "paper")
         with clock("feasibility"):
-            # As given, so that messages name the user's own loops, curves and parameters.
-            notes = check_loops(target.loops, "target boundary")
             images = [loop.joints[:-1] for loop in registration.loops]
             check_target_corners(
                 [loop.target.point(s) for loop, s in zip(registration.loops, images, strict=True)],

@@ -8,6 +8,8 @@
 
 use rayon::prelude::*;
 
+use crate::lanes::{Kernel, WIDTH, vectorized};
+
 const CHUNK: usize = 8192;
 
 /// Signed singular values σ₁ ≥ |σ₂| of a row-major matrix; σ₂ has the sign of its determinant.
@@ -24,16 +26,23 @@ pub fn signed_singular_values(j: [f64; 4]) -> [f64; 2] {
 /// At z = 0 the nearest matrices form a circle; the one with a positive real z is taken.
 #[inline]
 pub fn project(j: [f64; 4], k: f64) -> [f64; 4] {
+    let (h, regular) = project_regular(j, k);
+    if regular {
+        return h;
+    }
     let [a, b, c, d] = j;
+    project_anticonformal(a - d, c + b, k)
+}
+
+/// The same without a branch, and whether it holds: not at z = 0 outside the cone.
+#[inline(always)]
+fn project_regular([a, b, c, d]: [f64; 4], k: f64) -> ([f64; 4], bool) {
     // Twice z and w: the factors below depend on ratios only.
     let (zr, zi, wr, wi) = (a + d, c - b, a - d, c + b);
     let (s2, t2) = (zr * zr + zi * zi, wr * wr + wi * wi);
     let (more, less) = (k + 1.0, k - 1.0);
     let inside = more * more * t2 <= less * less * s2;
     let st = (s2 * t2).sqrt();
-    if st == 0.0 && !inside {
-        return project_anticonformal(wr, wi, k);
-    }
     // |z|'/2|z| and |w|'/2|w| over a common denominator, one root and one division in all. They are computed for
     // matrices inside as well: selecting is cheaper than a branch that nobody can predict.
     let q = 0.25 / ((k * k + 1.0) * st);
@@ -41,7 +50,8 @@ pub fn project(j: [f64; 4], k: f64) -> [f64; 4] {
     let fw = q * less * (more * s2 + less * st);
     let (zr, zi, wr, wi) = (fz * zr, fz * zi, fw * wr, fw * wi);
     let h = [zr + wr, wi - zi, zi + wi, zr - wr];
-    [0, 1, 2, 3].map(|i| if inside { j[i] } else { h[i] })
+    let j = [a, b, c, d];
+    ([0, 1, 2, 3].map(|i| if inside { j[i] } else { h[i] }), inside | (st != 0.0))
 }
 
 /// The case z = 0 (or so small that its square vanishes), of 2w = (wr, wi).
@@ -57,10 +67,57 @@ fn project_anticonformal(wr: f64, wi: f64, k: f64) -> [f64; 4] {
 pub fn project_all(j: &[[f64; 4]], k: &[f64], out: &mut [[f64; 4]]) {
     assert!(j.len() == k.len() && j.len() == out.len(), "one bound and one output for each matrix");
     out.par_chunks_mut(CHUNK).zip(j.par_chunks(CHUNK).zip(k.par_chunks(CHUNK))).for_each(|(out, (j, k))| {
-        for i in 0..out.len() {
+        vectorized(Projection { j, k, out });
+    });
+}
+
+/// Projection of a slice, a block of eight matrices after the other.
+struct Projection<'a> {
+    j: &'a [[f64; 4]],
+    k: &'a [f64],
+    out: &'a mut [[f64; 4]],
+}
+
+impl Kernel for Projection<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) {
+        let (blocks, rest) = self.out.as_chunks_mut::<WIDTH>();
+        let ((j, j_rest), (k, k_rest)) = (self.j.as_chunks::<WIDTH>(), self.k.as_chunks::<WIDTH>());
+        for ((j, k), out) in j.iter().zip(k).zip(blocks) {
+            project_block(j, k, out);
+        }
+        for ((j, &k), out) in j_rest.iter().zip(k_rest).zip(rest) {
+            *out = project(*j, k);
+        }
+    }
+}
+
+/// Entry by entry in between, so that eight matrices are treated at once.
+#[inline(always)]
+fn project_block(j: &[[f64; 4]; WIDTH], k: &[f64; WIDTH], out: &mut [[f64; 4]; WIDTH]) {
+    let (mut entries, mut found, mut regular) = ([[0.0; WIDTH]; 4], [[0.0; WIDTH]; 4], true);
+    for i in 0..WIDTH {
+        for r in 0..4 {
+            entries[r][i] = j[i][r];
+        }
+    }
+    for i in 0..WIDTH {
+        let (h, holds) = project_regular([0, 1, 2, 3].map(|r| entries[r][i]), k[i]);
+        for r in 0..4 {
+            found[r][i] = h[r];
+        }
+        regular &= holds;
+    }
+    for i in 0..WIDTH {
+        out[i] = [0, 1, 2, 3].map(|r| found[r][i]);
+    }
+    if !regular {
+        for i in 0..WIDTH {
             out[i] = project(j[i], k[i]);
         }
-    });
+    }
 }
 
 #[cfg(test)]
@@ -102,8 +159,12 @@ mod tests {
 
     #[test]
     fn in_bulk() {
-        let j: Vec<[f64; 4]> =
-            (0..20_000).map(|i| [0, 1, 2, 3].map(|c| f64::sin((4 * i + c) as f64))).collect();
+        let mut j: Vec<[f64; 4]> =
+            (0..20_003).map(|i| [0, 1, 2, 3].map(|c| f64::sin((4 * i + c) as f64))).collect();
+        // Some at z = 0 among the others, one of them nothing but zeros.
+        j[9] = [1.0, 0.5, 0.5, -1.0];
+        j[8_200] = [0.0; 4];
+        j[20_001] = [0.0, 2.0, 2.0, 0.0];
         let k: Vec<f64> = (0..j.len()).map(|i| 1.0 + (i % 7) as f64).collect();
         let mut out = vec![[0.0; 4]; j.len()];
         project_all(&j, &k, &mut out);

@@ -162,12 +162,17 @@ fn check_points(points: &[[f64; 2]]) -> Result<(), TriangulationError> {
     if let Some(point) = points.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
         return Err(TriangulationError::NotFinite { point });
     }
+    // Adding zero makes -0.0 and 0.0 the same. Sorting plain numbers takes a third of the time of sorting indices.
+    let key = |p: &[f64; 2]| u128::from((p[0] + 0.0).to_bits()) << 64 | u128::from((p[1] + 0.0).to_bits());
+    let mut keys: Vec<u128> = points.iter().map(key).collect();
+    keys.sort_unstable();
+    if keys.windows(2).all(|w| w[0] != w[1]) {
+        return Ok(());
+    }
     let mut order: Vec<usize> = (0..points.len()).collect();
     order.sort_by(|&i, &j| points[i].partial_cmp(&points[j]).expect("finite").then(i.cmp(&j)));
-    match order.windows(2).find(|w| points[w[0]] == points[w[1]]) {
-        Some(w) => Err(TriangulationError::DuplicatePoints { a: w[0], b: w[1] }),
-        None => Ok(()),
-    }
+    let twice = order.windows(2).find(|w| points[w[0]] == points[w[1]]).expect("two keys are equal");
+    Err(TriangulationError::DuplicatePoints { a: twice[0], b: twice[1] })
 }
 
 fn check_loops(n: usize, loops: &[Vec<usize>]) -> Result<Vec<[usize; 2]>, TriangulationError> {
@@ -234,8 +239,12 @@ fn faces_inside(cdt: &Cdt) -> Vec<bool> {
         if level < depth[beyond.face().index()] {
             depth[beyond.face().index()] = level;
             for next in [beyond.next(), beyond.prev()] {
+                let constraint = next.as_undirected().is_constraint_edge();
+                if level + u32::from(constraint) >= depth[next.rev().face().index()] {
+                    continue;
+                }
                 // Faces without a constraint in between come first, so depths are final when they spread.
-                if next.as_undirected().is_constraint_edge() {
+                if constraint {
                     queue.push_back(next.fix());
                 } else {
                     queue.push_front(next.fix());
@@ -325,8 +334,30 @@ fn extract(cdt: &Cdt, inside: &[bool], input: &[[f64; 2]], scale: f64) -> Mesh {
     for v in triangles.iter_mut().flatten() {
         *v = number[*v];
     }
-    triangles.sort_unstable();
-    Mesh { points, triangles }
+    Mesh { triangles: sorted(&triangles, points.len()), points }
+}
+
+/// Triangles in lexicographic order, by counting those of every first corner: there are few of one.
+fn sorted(triangles: &[[usize; 3]], n: usize) -> Vec<[usize; 3]> {
+    let mut next = vec![0; n + 1];
+    for t in triangles {
+        next[t[0] + 1] += 1;
+    }
+    for v in 0..n {
+        next[v + 1] += next[v];
+    }
+    let mut out = vec![[0; 3]; triangles.len()];
+    for &t in triangles {
+        out[next[t[0]]] = t;
+        next[t[0]] += 1;
+    }
+    // `next` now holds where every group ends.
+    let mut start = 0;
+    for &end in &next[..n] {
+        out[start..end].sort_unstable();
+        start = end;
+    }
+    out
 }
 
 #[cfg(test)]
