@@ -6,7 +6,6 @@ import pickle
 import signal
 import subprocess
 import sys
-import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
@@ -167,8 +166,8 @@ if __name__ == "__main__":
 def test_ctrl_c_ends_it(kind, tmp_path):
     """Two thousand targets, minutes of work: gone soon after Ctrl-C.
 
-    A terminal sends it to the whole group. Here workers do not get it: one that is interrupted with a lock of the pool's
-    queue in its hand leaves the others waiting (a race of the standard library's).
+    A terminal sends it to the whole group. Here workers do not get it: one that is interrupted with a lock of the
+    pool's queue in its hand leaves the others waiting (a race of the standard library's).
     """
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
