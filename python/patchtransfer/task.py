@@ -9,6 +9,7 @@ from uuid import uuid4
 
 from numpy.typing import ArrayLike
 
+from . import _core
 from .errors import TransferError
 from .multipatch import Boundary
 from .result import TransferResult
@@ -55,6 +56,8 @@ class TransferTask:
 def _arrived(name: str, content: bytes) -> TransferTask:
     task = _arrivals.get(name)
     if task is None:
+        # The pool's processes share the cores; threads of their own would only be in each other's way.
+        _core.set_threads(1)
         task = TransferTask(*pickle.loads(content))
         task.name = name
         _arrivals[name] = task

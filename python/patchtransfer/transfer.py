@@ -229,7 +229,9 @@ class TransferPlan:
         ----------
         targets : iterable of Boundary, or of pairs (Boundary, landmarks)
         executor : concurrent.futures.Executor, optional
-            Runs the targets in parallel; None (the default) one after the other.
+            Runs the targets in parallel; None (the default) one after the other, with threads inside the core. A
+            process pool works on every target with one thread; small models gain from processes, for much of their
+            time is Python's.
         **options
             As in `transfer`.
 
