@@ -91,7 +91,8 @@ def product_rate(n: int = 1500) -> float:
 
 def copy_rate(n: int = 2**25) -> float:
     """Bytes a second that a copy reads and writes."""
-    a = np.zeros(n)
+    # Zeros would be one page, read again and again.
+    a = np.ones(n)
     b = np.empty_like(a)
     return 16 * n / seconds(lambda: np.copyto(b, a), 5)
 
@@ -160,8 +161,9 @@ The first table is the whole transfer with all its evidence. *Exponent*: of the 
 The second table is the solver alone, from the harmonic map to the optimum. *SuperLU once*: one factorization of the
 Newton matrix by SciPy, in the same run. *Arithmetic bound*: what a factorization computes, at the rate of the dense
 product (sparse codes reach a third of it at best on such matrices). *Memory bound*: the Hessian's entries written and
-read once. Most steps of a large solve run on coarser spaces; *step* is the mean over all. What a step does beyond the
-bounds is mostly the Hessian itself: {nodes} nodes a knot span, each with a closed-form positive part.
+read once. *Newton steps* are those on the finest space; a large solve makes more on coarser ones, whose time is in
+*step* as well. What a step does beyond the bounds is mostly the Hessian itself: {nodes} nodes a knot span, each with a
+closed-form positive part, and the energies of the line search.
 
 Other scripts beside it compare with peers: `transfer_yeti.py` (NumPy, G+Smo), `optimizer_scaling.py` (SuperLU, CHOLMOD,
 peak memory), `plan_map.py` (threads, processes), `continuity_cost.py` (C1 against C0), `registration.py` (1,000
