@@ -19,7 +19,9 @@ from click.testing import CliRunner
 import models
 import patchtransfer as pt
 import targets
+from patchtransfer import examples
 from patchtransfer.cli import main
+from patchtransfer.fitting import STIFF, fit_boundary
 
 # The package exports the function under the module's name.
 from patchtransfer.refinement import refine_uniformly
@@ -186,3 +188,24 @@ def test_fit_does_not_loop():
     result = pt.transfer(mp, target, landmarks)
     assert result.certificate.injective
     assert result.boundary_error < 0.02
+
+
+def test_slides_are_damped_no_more_than_needed():
+    """With twenty times the damping the fit stopped on its way: 25 times the error."""
+    mp = examples.load("frame")[0]
+    target, landmarks = targets.deformed(mp, targets.articulation(mp, 30), seed=4)
+    registration = register(mp.boundary().loops, target, landmarks)
+    closest, stiff = fit_boundary(registration).error, fit_boundary(registration, damping=STIFF).error
+    assert closest < 5e-4
+    assert stiff > 10 * closest
+
+
+@pytest.mark.parametrize(("name", "factor", "angle"), [("human", 4, 0), ("frame", 6, 15)])
+def test_a_stiffer_fit_stands_in_where_the_closest_rules_out_a_map(name, factor, angle):
+    """The closest fit of a corner turns it beyond 180 degrees, or crosses itself."""
+    mp = examples.load(name)[0]
+    target, landmarks = targets.deformed(mp, targets.stretch(factor, angle))
+    plan = pt.TransferPlan(mp, "c0")
+    registration = register(mp.boundary().loops, target, landmarks)
+    assert plan._check_fit(fit_boundary(registration))[2] is not None
+    assert plan.transfer(target, landmarks).certificate.injective

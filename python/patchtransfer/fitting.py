@@ -27,7 +27,7 @@ from .outline import Outline, hausdorff
 from .registration import LoopRegistration, Registration
 from .splines import BSplineCurve, FloatArray, collocation_matrix, knot_spans
 
-__all__ = ["FittedBoundary", "FittedSide", "fit_boundary"]
+__all__ = ["STIFF", "FittedBoundary", "FittedSide", "fit_boundary"]
 
 #: Samples per knot span and at least per side.
 SAMPLES_PER_SPAN, MIN_SAMPLES = 14, 24
@@ -36,6 +36,8 @@ SMOOTH = np.radians(2.0)
 #: Sliding by this part of the side costs as much as an error of this part of the tolerance: where the shape leaves the
 #: parameters free (straight or round sides) the source's speed is kept, and control points do not crowd.
 SLIDE, SLIDE_ERROR = 0.1, 0.1
+#: Damping of the slides: as little as steps stand, and so much that the source's shape is kept.
+DAMPING, STIFF = 5e-4, 1e-2
 #: Steps before tangents are joined, and steps at most before levelling.
 FREE_STEPS, STEPS = 3, 20
 #: Part of the tolerance above which errors are levelled.
@@ -87,7 +89,9 @@ class FittedBoundary:
     warnings: tuple[str, ...]
 
 
-def fit_boundary(registration: Registration, *, parameters: str = "speed", tolerance: float = 1e-3) -> FittedBoundary:
+def fit_boundary(
+    registration: Registration, *, parameters: str = "speed", tolerance: float = 1e-3, damping: float = DAMPING
+) -> FittedBoundary:
     """Fit every source boundary side to its part of the target.
 
     Parameters
@@ -99,6 +103,9 @@ def fit_boundary(registration: Registration, *, parameters: str = "speed", toler
         fixed as in the paper (no tangents kept there).
     tolerance : float, default 1e-3
         Error relative to the target's diameter that a side should reach; larger ones are reported.
+    damping : float, default 5e-4
+        Weight, beside that of the error, of how far samples slide in one step. More of it (`STIFF`) converges so
+        slowly that sides stay near the source's shape, which may keep them simple where the closest ones are not.
 
     Returns
     -------
@@ -118,6 +125,7 @@ def fit_boundary(registration: Registration, *, parameters: str = "speed", toler
         sides,
         _smooth_joints(smooth, registration.loops),
         SLIDE_ERROR * tolerance * diameter / SLIDE,
+        damping,
     )
     if uniform:
         points, errors = fit.control_points(), fit.errors(True)

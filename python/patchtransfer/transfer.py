@@ -19,7 +19,7 @@ from .clock import Clock
 from .continuity_report import check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError
 from .feasibility import check_corners, check_loops, check_target_corners
-from .fitting import SMOOTH, FittedBoundary, fit_boundary
+from .fitting import SMOOTH, STIFF, FittedBoundary, fit_boundary
 from .g1 import check_g1_space
 from .interior import CONTINUITY, InteriorSolver
 from .multipatch import Boundary, MultiPatch
@@ -300,9 +300,20 @@ class TransferPlan:
         return replace(registration, warnings=(*registration.warnings, *notes))
 
     def _fit(self, registration: Registration, method: str, tolerance: float, clock: Clock) -> FittedBoundary:
+        """The closest fit, or a stiffer one where that rules out an injective map and this does not."""
         with clock("fitting"):
-            parameters = "uniform" if method == "paper" else "speed"
-            return fit_boundary(registration, parameters=parameters, tolerance=tolerance)
+            if method == "paper":
+                return fit_boundary(registration, parameters="uniform", tolerance=tolerance)
+            closest = fit_boundary(registration, tolerance=tolerance)
+        with clock("feasibility"):
+            failed = self._check_fit(closest)[2] is not None
+        if failed:
+            with clock("fitting"):
+                stiff = fit_boundary(registration, tolerance=tolerance, damping=STIFF)
+            with clock("feasibility"):
+                if self._check_fit(stiff)[2] is None:
+                    return stiff
+        return closest
 
     def _refined_to_tolerance(
         self, registration: Registration, fitted: FittedBoundary, method: str, tolerance: float, clock: Clock

@@ -6,8 +6,6 @@
 
 use crate::outline::{Outline, Scratch};
 
-/// Weight of the residual along the tangent; the sliding makes it vanish at the end.
-const DAMPING: f64 = 0.01;
 /// A leg on a line gets no shorter than this part of its given length.
 const SHORTEST_LEG: f64 = 0.2;
 
@@ -62,6 +60,8 @@ pub struct Side {
     lengths: Vec<f64>,
     /// What sliding away from the given arc lengths costs, beside a squared error of 1.
     hold: f64,
+    /// Weight of the residual along the tangent; the sliding makes it vanish at the end.
+    damping: f64,
     /// Of the inner samples.
     weights: Vec<f64>,
     /// Direction of the line of each leg, if it has one.
@@ -79,7 +79,7 @@ pub type Turning = ([[f64; 2]; 2], [f64; 2]);
 
 impl Side {
     /// `slide_error`: sliding by the whole side costs as much as this error, squared.
-    pub fn new(data: SideData, basis: &Basis, slide_error: f64) -> Self {
+    pub fn new(data: SideData, basis: &Basis, slide_error: f64, damping: f64) -> Self {
         let k = data.lengths.len();
         let span = data.lengths[k - 1] - data.lengths[0];
         let mut control = vec![data.ends[0]; basis.n];
@@ -87,6 +87,7 @@ impl Side {
         Self {
             lengths: data.lengths.clone(),
             hold: (slide_error / span).powi(2),
+            damping,
             weights: vec![1.0; k - 2],
             lines: [None; 2],
             target: vec![],
@@ -153,9 +154,9 @@ impl Side {
         self.normal.resize(size * size, 0.0);
         self.right.clear();
         self.right.resize(size, 0.0);
-        let along = if isotropic { 1.0 } else { DAMPING + self.hold };
+        let along = if isotropic { 1.0 } else { self.damping + self.hold };
         // The damping pulls to where the sample is now, the hold to where it started: one pull to a point in between.
-        let back = self.hold / (DAMPING + self.hold);
+        let back = self.hold / (self.damping + self.hold);
         for (k, w) in self.weights.iter().enumerate().map(|(k, w)| (k + 1, w)) {
             let [x, y, tx, ty] = self.target[k];
             let row = &basis.values[k * n..][..n];

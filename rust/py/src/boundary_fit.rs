@@ -37,7 +37,7 @@ fn read_loop(
     outline: usize,
     (indices, lengths, points, tangents, legs): &LoopTuple<'_>,
     bases: &[Basis],
-    slide_error: f64,
+    (slide_error, damping): (f64, f64),
 ) -> PyResult<Vec<Side>> {
     let n = indices.len();
     let (lengths, points, legs) = (lengths.as_slice()?, points2(points)?, points2(legs)?);
@@ -61,7 +61,7 @@ fn read_loop(
             legs: legs[i],
         };
         at += count;
-        sides.push(Side::new(data, known, slide_error));
+        sides.push(Side::new(data, known, slide_error, damping));
     }
     if at == lengths.len() { Ok(sides) } else { Err(mismatch("arc lengths of a loop")) }
 }
@@ -76,6 +76,7 @@ impl BoundaryFit {
         loops: Vec<LoopTuple<'_>>,
         joints: Vec<(usize, usize)>,
         slide_error: f64,
+        damping: f64,
     ) -> PyResult<Self> {
         let bases: Vec<Basis> = bases
             .iter()
@@ -92,7 +93,7 @@ impl BoundaryFit {
         }
         let mut sides = vec![];
         for (k, of_loop) in loops.iter().enumerate() {
-            sides.extend(read_loop(k, of_loop, &bases, slide_error)?);
+            sides.extend(read_loop(k, of_loop, &bases, (slide_error, damping))?);
         }
         if joints.iter().any(|&(a, b)| a >= sides.len() || b >= sides.len()) {
             return Err(mismatch("joints"));
