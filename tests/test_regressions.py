@@ -19,9 +19,8 @@ from click.testing import CliRunner
 import models
 import patchtransfer as pt
 import targets
-from patchtransfer import examples
 from patchtransfer.cli import main
-from patchtransfer.fitting import STIFF, fit_boundary
+from patchtransfer.fitting import FREE, fit_boundary
 
 # The package exports the function under the module's name.
 from patchtransfer.refinement import refine_uniformly
@@ -190,22 +189,20 @@ def test_fit_does_not_loop():
     assert result.boundary_error < 0.02
 
 
-def test_slides_are_damped_no_more_than_needed():
-    """With twenty times the damping the fit stopped on its way: 25 times the error."""
-    mp = examples.load("frame")[0]
-    target, landmarks = targets.deformed(mp, targets.articulation(mp, 30), seed=4)
+@pytest.mark.parametrize("name", ["o-grid p2", "disc"])
+def test_a_fit_that_misses_by_far_is_made_more_freely(name):
+    """Damped slides stopped on their way: 3e-3 and 1.7e-2 of the diameter off."""
+    if name == "disc":
+        if "PATCHTRANSFER_MODELS" not in os.environ:
+            pytest.skip("needs the real models")
+        mp = pt.read(Path(os.environ["PATCHTRANSFER_MODELS"]) / "disc.xml")
+        target, landmarks = targets.deformed(mp, targets.articulation(mp, 30), seed=4)
+    else:
+        mp = models.ALL[name]()
+        target, landmarks = targets.deformed(mp, targets.waves(mp, 0.2, 6), seed=6)
     registration = register(mp.boundary().loops, target, landmarks)
-    closest, stiff = fit_boundary(registration).error, fit_boundary(registration, damping=STIFF).error
-    assert closest < 5e-4
-    assert stiff > 10 * closest
-
-
-@pytest.mark.parametrize(("name", "factor", "angle"), [("human", 4, 0), ("frame", 6, 15)])
-def test_a_stiffer_fit_stands_in_where_the_closest_rules_out_a_map(name, factor, angle):
-    """The closest fit of a corner turns it beyond 180 degrees, or crosses itself."""
-    mp = examples.load(name)[0]
-    target, landmarks = targets.deformed(mp, targets.stretch(factor, angle))
-    plan = pt.TransferPlan(mp, "c0")
-    registration = register(mp.boundary().loops, target, landmarks)
-    assert plan._check_fit(fit_boundary(registration))[2] is not None
-    assert plan.transfer(target, landmarks).certificate.injective
+    closer = fit_boundary(registration, damping=FREE).error
+    assert fit_boundary(registration).error > 3 * closer
+    result = pt.transfer(mp, target, landmarks, "c0")
+    assert result.certificate.injective
+    assert result.boundary_error == closer < 1e-3

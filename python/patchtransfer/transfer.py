@@ -19,7 +19,7 @@ from .clock import Clock
 from .continuity_report import check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError
 from .feasibility import check_corners, check_loops, check_target_corners
-from .fitting import SMOOTH, STIFF, FittedBoundary, fit_boundary
+from .fitting import FREE, SMOOTH, FittedBoundary, fit_boundary
 from .g1 import check_g1_space
 from .interior import CONTINUITY, InteriorSolver
 from .multipatch import Boundary, MultiPatch
@@ -39,6 +39,8 @@ __all__ = ["Refilled", "TransferPlan", "transfer"]
 METHODS = ("certified", "paper")
 #: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
 REFINEMENTS = 6
+#: A fit that misses the target by more than so many tolerances is tried once more.
+MISSED = 2.0
 
 
 def transfer(
@@ -300,20 +302,16 @@ class TransferPlan:
         return replace(registration, warnings=(*registration.warnings, *notes))
 
     def _fit(self, registration: Registration, method: str, tolerance: float, clock: Clock) -> FittedBoundary:
-        """The closest fit, or a stiffer one where that rules out an injective map and this does not."""
+        """The fit, made more freely where it misses the target by far."""
         with clock("fitting"):
             if method == "paper":
                 return fit_boundary(registration, parameters="uniform", tolerance=tolerance)
-            closest = fit_boundary(registration, tolerance=tolerance)
+            fitted = fit_boundary(registration, tolerance=tolerance)
+            if fitted.error <= MISSED * tolerance:
+                return fitted
+            free = fit_boundary(registration, tolerance=tolerance, damping=FREE)
         with clock("feasibility"):
-            failed = self._check_fit(closest)[2] is not None
-        if failed:
-            with clock("fitting"):
-                stiff = fit_boundary(registration, tolerance=tolerance, damping=STIFF)
-            with clock("feasibility"):
-                if self._check_fit(stiff)[2] is None:
-                    return stiff
-        return closest
+            return free if free.error < fitted.error and self._check_fit(free)[2] is None else fitted
 
     def _refined_to_tolerance(
         self, registration: Registration, fitted: FittedBoundary, method: str, tolerance: float, clock: Clock
