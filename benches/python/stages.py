@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import platform
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,7 +22,7 @@ from optimizer_scaling import model_of
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_limits
-from transfer_yeti import SciPyOptimizer, bent_boundary
+from transfer_yeti import SciPyOptimizer, bent_boundary, median_time
 
 import patchtransfer as pt
 from patchtransfer import _core
@@ -47,30 +46,19 @@ class Size(NamedTuple):
     entries: int | None
 
 
-def seconds(work: Callable[[], object], repeat: int) -> float:
-    """Median of some runs after the first."""
-    work()
-    times = []
-    for _ in range(repeat):
-        begin = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - begin)
-    return float(np.median(times))
-
-
 def measure(model: pt.MultiPatch, angle: float) -> Size:
     target, landmarks = bent_boundary(model, angle)
     n = len(model.topology.interior_points)
     repeat = 21 if n < 1_000 else 5 if n < 10_000 else 3
     plan = pt.TransferPlan(model, "c0")
     timings: list[dict[str, float]] = []
-    whole = seconds(lambda: timings.append(plan.transfer(target, landmarks).timings), repeat)
+    whole = median_time(lambda: timings.append(plan.transfer(target, landmarks).timings), repeat)
     stages = {s: float(np.median([t.get(s, 0.0) for t in timings[1:]])) for s in STAGES}
     optimizer = SplineOptimizer(model.topology)
     fitted = plan.transfer(target, landmarks).multipatch.topology.coordinates
     start = optimizer.harmonic(fitted)
     found = optimizer.minimise(start)
-    solve = seconds(lambda: optimizer.minimise(optimizer.harmonic(fitted)), repeat)
+    solve = median_time(lambda: optimizer.minimise(optimizer.harmonic(fitted)), repeat)
     superlu = operations = entries = None
     if n <= LARGEST:
         reference = SciPyOptimizer(model)
@@ -86,7 +74,7 @@ def measure(model: pt.MultiPatch, angle: float) -> Size:
 def product_rate(n: int = 1500) -> float:
     """Multiplications and additions a second of a dense matrix product on one thread."""
     a = np.random.default_rng(0).random((n, n))
-    return 2 * n**3 / seconds(lambda: a @ a, 5)
+    return 2 * n**3 / median_time(lambda: a @ a, 5)
 
 
 def copy_rate(n: int = 2**25) -> float:
@@ -94,7 +82,7 @@ def copy_rate(n: int = 2**25) -> float:
     # Zeros would be one page, read again and again.
     a = np.ones(n)
     b = np.empty_like(a)
-    return 16 * n / seconds(lambda: np.copyto(b, a), 5)
+    return 16 * n / median_time(lambda: np.copyto(b, a), 5)
 
 
 def processor() -> str:

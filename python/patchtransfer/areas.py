@@ -13,12 +13,21 @@ from numpy.typing import NDArray
 from .multipatch import Side
 from .splines import FloatArray, Patch, collocation_matrix
 
-__all__ = ["polygon_area", "side_areas", "signed_areas"]
+__all__ = ["numbered", "polygon_area", "side_areas", "signed_areas"]
 
 IntArray = NDArray[np.int64]
 
 #: The sides of a right-handed patch counter-clockwise, and whether along or against their parameters.
 AROUND = ((Side.SOUTH, 1.0), (Side.EAST, 1.0), (Side.NORTH, -1.0), (Side.WEST, -1.0))
+
+
+def numbered(shapes: Sequence[tuple[int, int]]) -> list[IntArray]:
+    """Numbers 0, 1, ... of the control points of patches of these shapes, patch by patch."""
+    numbers, first = [], 0
+    for m, n in shapes:
+        numbers.append(first + np.arange(m * n).reshape(m, n))
+        first += m * n
+    return numbers
 
 
 def polygon_area(points: FloatArray) -> float:
@@ -54,14 +63,10 @@ def _sides_around(patches: Sequence[Patch]) -> list[tuple[FloatArray, IntArray, 
     Entries number the control points patch by patch; the origin of a side is its patch's first one.
     """
     groups: dict[tuple[bytes, int], list[tuple[int, float, IntArray, int]]] = defaultdict(list)
-    first = 0
-    for k, patch in enumerate(patches):
-        n = patch.shape[0] * patch.shape[1]
-        entries = first + np.arange(n).reshape(patch.shape)
+    for k, (patch, entries) in enumerate(zip(patches, numbered([p.shape for p in patches]), strict=True)):
         for side, sign in AROUND:
             key = (patch.knots[side.axis].tobytes(), patch.degrees[side.axis])
-            groups[key].append((k, sign, side.of(entries), first))
-        first += n
+            groups[key].append((k, sign, side.of(entries), int(entries[0, 0])))
     found = []
     for key, members in groups.items():
         owners, signs, sides, origins = zip(*members, strict=True)

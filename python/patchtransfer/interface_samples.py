@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .areas import numbered
 from .multipatch import MultiPatch, Side
 from .quality import span_basis
 from .splines import FloatArray, Patch
@@ -73,10 +74,7 @@ def interface_layout(mp: MultiPatch) -> InterfaceLayout:
 def _new_layout(mp: MultiPatch) -> InterfaceLayout:
     topology = mp.topology
     vertices = {vertex.point: vertex for vertex in topology.vertices}
-    entries, first = [], 0
-    for points in topology.points:
-        entries.append(first + np.arange(points.size).reshape(points.shape))
-        first += points.size
+    entries = numbered([patch.shape for patch in mp.patches])
     members: dict[tuple[bytes, int, bool], list[int]] = defaultdict(list)
     spokes: dict[int, list[tuple[int, int]]] = defaultdict(list)
     rows, scales, kept = [], [], []

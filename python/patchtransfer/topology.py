@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from .areas import side_areas, signed_areas
+from .areas import numbered, side_areas, signed_areas
 from .errors import InputError
 from .multipatch import Interface, MultiPatch, Side
 from .splines import BSplineCurve, FloatArray, Patch, reverse_knots
@@ -170,7 +170,7 @@ def identify(shapes: Sequence[tuple[int, int]], interfaces: Sequence[Interface])
     """Number the coefficients of patches of these shapes, glued ones once: an index array a patch, and how many."""
     sizes = [m * n for m, n in shapes]
     offsets = np.concatenate([[0], np.cumsum(sizes)])
-    raw = [offsets[k] + np.arange(n).reshape(shapes[k]) for k, n in enumerate(sizes)]
+    raw = numbered(shapes)
     first, second = [np.empty(0, int)], [np.empty(0, int)]
     for f in interfaces:
         first.append(f.side_a.of(raw[f.patch_a]))
@@ -277,13 +277,10 @@ class Topology:
     @combinatorial
     def glued_entries(self) -> tuple[IntArray, IntArray, IntArray]:
         """Control points that interfaces glue, numbered patch by patch, on side a and on side b; where each starts."""
-        offsets = np.concatenate([[0], np.cumsum([points.size for points in self.points])])
+        entries = numbered([patch.shape for patch in self.patches])
         a, b, starts = [np.empty(0, np.int64)], [np.empty(0, np.int64)], [0]
         for f in self.interfaces:
-            first, second = (
-                side.of(offsets[k] + np.arange(self.points[k].size).reshape(self.points[k].shape))
-                for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b))
-            )
+            first, second = (side.of(entries[k]) for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b)))
             a.append(first)
             b.append(second[::-1] if f.reversed else second)
             starts.append(starts[-1] + len(first))
