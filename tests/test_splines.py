@@ -1,5 +1,7 @@
 """Splines against SciPy, finite differences and the invariance of the geometry; immutability; refusals."""
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,8 +9,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline, NdBSpline, PPoly
 
 from patchtransfer import BSplineCurve, InputError, Patch
+from patchtransfer.packing import pack_curves, pack_patches, unpack_curves, unpack_patches
 from patchtransfer.splines import collocation_matrix, knot_spans
-from strategies import curves, patches
+from strategies import boundaries, curves, multipatches, patches
 
 quick = settings(max_examples=30, deadline=None)
 LINE = ([0, 0, 1, 1], 1, [[0, 0], [2, 1]])
@@ -293,3 +296,21 @@ def test_operations_refuse_what_they_cannot_do():
         circle()(0.5, 3)
     with pytest.raises(InputError, match="clamped"):
         BSplineCurve.from_scipy(BSpline([0, 1, 2, 3, 4, 5], np.zeros((3, 2)), 2))
+
+
+@given(st.lists(curves(), max_size=4), st.lists(patches(), max_size=3))
+def test_packed_splines_come_back_to_the_bit(some_curves, some_patches):
+    again = unpack_curves(pack_curves(some_curves)), unpack_patches(pack_patches(some_patches))
+    for before, after in zip((some_curves, some_patches), again, strict=True):
+        assert list(after) == before
+        for one, other in zip(before, after, strict=True):
+            assert vars(one).keys() == vars(other).keys()
+            assert not other.control_points.flags.writeable
+
+
+@given(multipatches(), boundaries())
+def test_models_and_boundaries_are_picklable(multipatch, boundary):
+    again = pickle.loads(pickle.dumps(multipatch))
+    assert again == multipatch
+    assert np.array_equal(again.topology.coordinates, multipatch.topology.coordinates)
+    assert pickle.loads(pickle.dumps(boundary)) == boundary

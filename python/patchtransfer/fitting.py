@@ -12,7 +12,7 @@ Paper §3.2, Eq. 2–6: least squares with both ends interpolated. The paper tak
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from . import _core
 from .errors import InputError
 from .outline import Outline, hausdorff
+from .packing import PackedCurves, pack_curves, unpack_curves
 from .registration import LoopRegistration, Registration
 from .splines import BSplineCurve, FloatArray, collocation_matrix, knot_spans
 
@@ -88,6 +89,23 @@ class FittedBoundary:
     loops: tuple[tuple[FittedSide, ...], ...]
     error: float
     warnings: tuple[str, ...]
+
+    def __reduce__(self) -> tuple[Callable[..., FittedBoundary], tuple[object, ...]]:
+        loops = [
+            (pack_curves([side.curve for side in loop]), [(side.error, side.smooth) for side in loop])
+            for loop in self.loops
+        ]
+        return _unpacked, (loops, self.error, self.warnings)
+
+
+def _unpacked(
+    loops: list[tuple[PackedCurves, list[tuple[float, bool]]]], error: float, warnings: tuple[str, ...]
+) -> FittedBoundary:
+    sides = [
+        tuple([FittedSide(curve, *rest) for curve, rest in zip(unpack_curves(curves), others, strict=True)])
+        for curves, others in loops
+    ]
+    return FittedBoundary(tuple(sides), error, warnings)
 
 
 def fit_boundary(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
+from .packing import PackedCurves, PackedPatches, pack_curves, pack_patches, unpack_curves, unpack_patches
 from .splines import BSplineCurve, FloatArray, Patch, frozen_array
 
 if TYPE_CHECKING:
@@ -191,6 +192,10 @@ class MultiPatch:
         moved.__dict__["topology"] = self.topology.moved(patches)
         return moved
 
+    def __reduce__(self) -> tuple[Callable[..., MultiPatch], tuple[object, ...]]:
+        # The topology is found again faster than it is sent.
+        return _unpacked, (pack_patches(self.patches), self.interfaces, self.ids)
+
     def elevate(self, by: int = 1) -> MultiPatch:
         """The same geometry with all degrees raised; inner knots stay as smooth as they are."""
         return self._in_other_space(lambda patch: patch.elevate(by))
@@ -223,6 +228,13 @@ class MultiPatch:
         from .plot import html
 
         return html(self)
+
+
+def _unpacked(packed: PackedPatches, interfaces: tuple[Interface, ...], ids: tuple[int, ...]) -> MultiPatch:
+    """A multi-patch that was checked before it was pickled."""
+    multipatch = object.__new__(MultiPatch)
+    multipatch.__dict__.update(patches=unpack_patches(packed), interfaces=interfaces, ids=ids)
+    return multipatch
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,6 +275,9 @@ class Boundary:
 
     __hash__ = None  # type: ignore[assignment]
 
+    def __reduce__(self) -> tuple[Callable[..., Boundary], tuple[list[PackedCurves]]]:
+        return _unpacked_boundary, ([pack_curves(loop) for loop in self.loops],)
+
     def __repr__(self) -> str:
         return f"<Boundary: {len(self.loops)} loops of {', '.join(str(len(x)) for x in self.loops)} curves>"
 
@@ -271,3 +286,10 @@ class Boundary:
         """Diagonal of the control points' bounding box."""
         points = np.concatenate([curve.control_points for loop in self.loops for curve in loop])
         return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def _unpacked_boundary(loops: list[PackedCurves]) -> Boundary:
+    """A boundary that was checked before it was pickled."""
+    boundary = object.__new__(Boundary)
+    boundary.__dict__["loops"] = tuple([unpack_curves(loop) for loop in loops])
+    return boundary

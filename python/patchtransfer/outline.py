@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
 
 from . import _core
+from .packing import PackedCurves, pack_curves, unpack_curves
 from .splines import BSplineCurve, FloatArray
 
 __all__ = ["Outline", "hausdorff"]
@@ -45,8 +46,8 @@ class Outline:
         """Arc length where every curve starts, (n_curves + 1,); the last entry is the total length."""
         return self.core.joints
 
-    def __reduce__(self) -> tuple[type[Outline], tuple[tuple[BSplineCurve, ...]]]:
-        return Outline, (self.curves,)
+    def __reduce__(self) -> tuple[Callable[[PackedCurves], Outline], tuple[PackedCurves]]:
+        return _unpacked, (pack_curves(self.curves),)
 
     def evaluate(self, s: FloatArray, from_left: bool = False) -> FloatArray:
         """Points and unit tangents (..., 4) at the arc lengths `s`, taken modulo the length.
@@ -104,6 +105,10 @@ class Outline:
     def area(self) -> float:
         """Signed area, positive when the loop runs counter-clockwise (from 4 to 16 samples a Bézier piece)."""
         return self.core.area
+
+
+def _unpacked(curves: PackedCurves) -> Outline:
+    return Outline(unpack_curves(curves))
 
 
 def hausdorff(a: Outline, b: Outline) -> float:

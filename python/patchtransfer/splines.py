@@ -355,6 +355,19 @@ class Patch:
             check_knots(self.knots[axis], self.degrees[axis], points.shape[axis], f"patch direction {name}")
         set_(self, "weights", check_weights(weights, points.shape[:2], "patch"))
 
+    @classmethod
+    def _trusted(
+        cls,
+        knots: tuple[FloatArray, FloatArray],
+        degrees: tuple[int, int],
+        control_points: FloatArray,
+        weights: FloatArray | None,
+    ) -> Patch:
+        """A patch from read-only parts of a valid patch, without checking them again."""
+        patch = object.__new__(cls)
+        patch.__dict__.update(knots=knots, degrees=degrees, control_points=control_points, weights=weights)
+        return patch
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Patch) and _same(self, other, ("knots", "control_points", "weights"))
 
@@ -375,9 +388,7 @@ class Patch:
 
     def _moved(self, control_points: FloatArray) -> Patch:
         """The patch with control points that are read-only and checked already, as knots and weights are."""
-        patch = object.__new__(Patch)
-        patch.__dict__.update(self.__dict__, control_points=control_points)
-        return patch
+        return self._trusted(self.knots, self.degrees, control_points, self.weights)
 
     def grid(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> FloatArray:
         """Derivative of order (du, dv), each 0 or 1, on the grid `u` x `v`, shape (len(u), len(v), 2)."""
