@@ -19,6 +19,7 @@ from click.testing import CliRunner
 import models
 import patchtransfer as pt
 import targets
+from patchtransfer import examples
 from patchtransfer.cli import main
 from patchtransfer.fitting import FREE, fit_boundary
 
@@ -206,3 +207,27 @@ def test_a_fit_that_misses_by_far_is_made_more_freely(name):
     result = pt.transfer(mp, target, landmarks, "c0")
     assert result.certificate.injective
     assert result.boundary_error == closer < 1e-3
+
+
+def test_free_slides_come_closer():
+    """Damped slides stopped on their way: 25 times the error."""
+    mp = examples.load("frame")[0]
+    target, landmarks = targets.deformed(mp, targets.articulation(mp, 30), seed=4)
+    registration = register(mp.boundary().loops, target, landmarks)
+    closer, damped = fit_boundary(registration, damping=FREE).error, fit_boundary(registration).error
+    assert closer < 5e-4
+    assert damped > 10 * closer
+
+
+@pytest.mark.parametrize(("name", "factor", "angle"), [("human", 4, 0), ("frame", 6, 15)])
+def test_a_closer_fit_that_rules_out_a_map_is_not_taken(name, factor, angle):
+    """Free slides turn a corner beyond 180 degrees, or let a side cross itself; frame misses by enough to try them."""
+    mp = examples.load(name)[0]
+    target, landmarks = targets.deformed(mp, targets.stretch(factor, angle))
+    plan = pt.TransferPlan(mp, "c0")
+    registration = register(mp.boundary().loops, target, landmarks)
+    free = fit_boundary(registration, damping=FREE)
+    assert plan._check_fit(free)[2] is not None
+    result = plan.transfer(target, landmarks)
+    assert result.certificate.injective
+    assert result.boundary_error != free.error
