@@ -155,7 +155,8 @@ closed-form positive part, and the energies of the line search.
 
 Other scripts beside it compare with peers: `transfer_yeti.py` (NumPy, G+Smo), `optimizer_scaling.py` (SuperLU, CHOLMOD,
 peak memory), `plan_map.py` (threads, processes), `continuity_cost.py` (C1 against C0), `registration.py` (1,000
-curves), `poisson_nutils.py` (nutils), and `cargo bench -p patchtransfer-core` times the core's kernels beside `memcpy`.
+curves), `poisson_nutils.py` (nutils), `triangulation.py` (Triangle), and
+`cargo bench -p patchtransfer-core` times the core's kernels beside `memcpy`.
 """
 
 
