@@ -94,3 +94,11 @@ def test_other_files_are_replaced(files):
 @pytest.mark.parametrize("degree", [17, 500, 10**9])
 def test_absurd_degrees_of_a_field_are_refused(files, degree):
     failed(run("poisson", files / "a.xml", "--degree", degree), 2, f"degree {degree} of the field.*1 to 16")
+
+
+@pytest.mark.parametrize("points", [100_000, 10**12, 10**30])
+def test_absurd_numbers_of_points_of_a_field_are_refused(files, points):
+    failed(
+        run("poisson", files / "a.xml", "--points", points), 2, f"--points {points} is too many.*up to --points [0-9]+"
+    )
+    failed(run("poisson", files / "a.xml", "--degree", 17, "--points", points), 2, "--points|degree")

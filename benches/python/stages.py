@@ -137,7 +137,7 @@ def tables(sizes: list[Size], product: float, copy: float) -> str:
 
 PAGE = """# Speed
 
-Made by ``benches/python/stages.py`` on {machine}, one thread:
+Made by ``benches/python/stages.py --refinements {refinements}`` on {machine}, one thread:
 a dense matrix product runs at {product:.0f} Gflop/s, a copy at {copy:.0f} GB/s. Milliseconds, medians. The source is
 {source}, refined uniformly, its boundary bent by {angle:.0f}°, landmarks at all joints, `continuity="c0"`, one plan for
 all targets.
@@ -155,7 +155,8 @@ closed-form positive part, and the energies of the line search.
 
 Other scripts beside it compare with peers: `transfer_yeti.py` (NumPy, G+Smo), `optimizer_scaling.py` (SuperLU, CHOLMOD,
 peak memory), `plan_map.py` (threads, processes), `continuity_cost.py` (C1 against C0), `registration.py` (1,000
-curves), `poisson_nutils.py` (nutils), and `cargo bench -p patchtransfer-core` times the core's kernels beside `memcpy`.
+curves), `poisson_nutils.py` (nutils), `triangulation.py` (Triangle), and
+`cargo bench -p patchtransfer-core` times the core's kernels beside `memcpy`.
 """
 
 
@@ -180,6 +181,7 @@ def main() -> None:
         coarse = model_of(options.model, 0)
         degree = coarse.patches[0].degrees[0]
         page = PAGE.format(
+            refinements=options.refinements,
             machine=processor(),
             product=product / 1e9,
             copy=copy / 1e9,

@@ -8,14 +8,12 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .multipatch import Side
-from .splines import FloatArray, Patch, collocation_matrix
+from .splines import FloatArray, IntArray, Patch, collocation_matrix
 
 __all__ = ["numbered", "polygon_area", "side_areas", "signed_areas"]
 
-IntArray = NDArray[np.int64]
 
 #: The sides of a right-handed patch counter-clockwise, and whether along or against their parameters.
 AROUND = ((Side.SOUTH, 1.0), (Side.EAST, 1.0), (Side.NORTH, -1.0), (Side.WEST, -1.0))

@@ -18,14 +18,13 @@ from scipy.sparse import csc_array
 
 from . import _core
 from .errors import InputError
-from .splines import FloatArray
+from .splines import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from .topology import Topology
 
 __all__ = ["TriangleMesh", "source_mesh", "target_mesh"]
 
-IntArray = NDArray[np.int64]
 
 #: Below this ratio of area to squared edge the sign of a triangle's area is rounding.
 DEGENERATE = 1e-15

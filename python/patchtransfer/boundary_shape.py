@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import _core
 from .outline import Outline
-from .splines import FloatArray
+from .splines import FloatArray, IntArray
 
 __all__ = ["CORNER", "BoundaryShape", "corners", "cyclic_gap", "image_of", "turning"]
 
-IntArray = NDArray[np.int64]
 
 #: A joint that turns by more is a corner.
 CORNER = np.radians(15.0)

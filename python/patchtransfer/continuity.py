@@ -15,8 +15,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from .gluing import ControlRows, chord_ratios
-from .splines import FloatArray
-from .topology import IntArray, Spoke, Topology, Vertex
+from .splines import FloatArray, IntArray
+from .topology import Spoke, Topology, Vertex
 
 __all__ = ["C1Rows", "ContinuityRows", "c1_rows"]
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from .boundary_shape import corners, cyclic_gap, image_of
 from .outline import Outline
-from .splines import FloatArray
-from .topology import IntArray
+from .splines import FloatArray, IntArray
 
 __all__ = ["close_turn", "corners_between", "missed_corners", "snap_corners"]
 

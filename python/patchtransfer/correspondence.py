@@ -14,17 +14,15 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from . import _core
 from .boundary_shape import BoundaryShape, image_of, turning
 from .inner_distances import energy_of, slide
-from .splines import FloatArray
+from .splines import FloatArray, IntArray
 
 __all__ = ["Match", "WholeMatch", "match_hole", "match_outer", "pair_holes", "rank_with_holes", "smooth"]
 
-IntArray = NDArray[np.int64]
 
 #: Quantiles of the distance descriptor.
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)

@@ -18,8 +18,8 @@ from .continuity import ContinuityRows
 from .errors import InputError
 from .gluing import ControlRows
 from .multipatch import MultiPatch
-from .splines import FloatArray
-from .topology import IntArray, Spoke, Topology
+from .splines import FloatArray, IntArray
+from .topology import Spoke, Topology
 
 __all__ = ["check_g1_space", "g1_rows", "gluing_data"]
 

@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from .quality import span_basis
-from .splines import FloatArray, collocation_matrix, knot_spans, reverse_knots
-from .topology import IntArray, Topology
+from .splines import FloatArray, IntArray, collocation_matrix, knot_spans, reverse_knots
+from .topology import Topology
 
 __all__ = ["ControlRows", "chord_ratios", "control_rows"]
 

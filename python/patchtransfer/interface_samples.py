@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from .areas import numbered
 from .multipatch import MultiPatch, Side
 from .quality import span_basis
-from .splines import FloatArray, Patch
-from .topology import IntArray, Vertex
+from .splines import FloatArray, IntArray, Patch
+from .topology import Vertex
 
 __all__ = ["InterfaceGroup", "InterfaceLayout", "Measured", "coordinates", "interface_layout", "measure", "norms"]
 

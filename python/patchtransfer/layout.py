@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .boundary_shape import CORNER
 from .errors import InputError
@@ -21,12 +21,11 @@ from .multipatch import Boundary, MultiPatch
 from .outline import Outline
 from .registration import register
 from .result import TransferResult
-from .splines import FloatArray, Patch, frozen_array, greville, knot_spans
+from .splines import FloatArray, IntArray, Patch, frozen_array, greville, knot_spans
 from .transfer import TransferPlan
 
 __all__ = ["QuadLayout", "from_layout"]
 
-IntArray = NDArray[np.int64]
 
 #: A boundary corner this close to a layout vertex (relative to the loop's length) is at the vertex.
 AT_VERTEX = 5e-3

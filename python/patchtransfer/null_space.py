@@ -19,8 +19,7 @@ from scipy.sparse.linalg import splu
 
 from .continuity import ContinuityRows
 from .errors import InputError
-from .splines import FloatArray
-from .topology import IntArray
+from .splines import FloatArray, IntArray
 
 __all__ = ["RowSpace", "row_space"]
 

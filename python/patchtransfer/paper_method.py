@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_array, csr_array, eye_array
 
-from .background_mesh import IntArray, TriangleMesh, source_mesh, target_mesh
+from .background_mesh import TriangleMesh, source_mesh, target_mesh
 from .bounded_distortion import remove_foldovers
 from .distortion_descent import minimise_distortion
 from .errors import InputError
 from .harmonic import mesh_harmonic_map
 from .reversible_harmonic import reverse_boundary, reversible_harmonic_map
-from .splines import FloatArray
+from .splines import FloatArray, IntArray
 from .topology import Topology
 
 __all__ = ["INITIAL_MAPS", "PaperHistory", "PaperMap", "frozen_points", "paper_map"]

@@ -12,8 +12,8 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import splu
 
-from .background_mesh import IntArray, TriangleMesh
-from .splines import FloatArray
+from .background_mesh import TriangleMesh
+from .splines import FloatArray, IntArray
 
 __all__ = ["RigidBlend", "Similarity"]
 

@@ -18,12 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 from .fitting import FittedBoundary
 from .optimize import AREA_WEIGHT, OptimizedMap, SplineOptimizer
 from .registration import LoopRegistration, Registration
-from .splines import FloatArray, greville
+from .splines import FloatArray, IntArray, greville
 from .topology import Topology
 
 __all__ = ["Slid", "movable_joints", "slide_joints"]
 
-IntArray = NDArray[np.int64]
 
 #: A joint where either boundary turns by more stays where it is.
 CORNER = np.radians(10.0)

@@ -20,6 +20,7 @@ from .errors import InputError
 __all__ = [
     "BSplineCurve",
     "FloatArray",
+    "IntArray",
     "Patch",
     "collocation_matrix",
     "elevate",
@@ -29,6 +30,7 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 def frozen_array(values: ArrayLike, what: str) -> FloatArray:

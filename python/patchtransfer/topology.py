@@ -13,18 +13,16 @@ from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from .areas import numbered, side_areas, signed_areas
 from .errors import InputError
 from .multipatch import Interface, MultiPatch, Side
-from .splines import BSplineCurve, FloatArray, Patch, reverse_knots
+from .splines import BSplineCurve, FloatArray, IntArray, Patch, reverse_knots
 
 __all__ = ["BoundarySide", "Spoke", "Topology", "Vertex", "check_interfaces", "infer_interfaces"]
 
-IntArray = NDArray[np.int64]
 T = TypeVar("T")
 
 #: Side control points closer than this (relative to the diameter) are the same point. Files are often written

@@ -17,9 +17,9 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
 from ..multipatch import MultiPatch
-from ..splines import FloatArray
+from ..splines import FloatArray, IntArray
 from .gluing import Gluing, c1_rows, gluing_of, name_of
-from .space import IntArray, SplineSpace
+from .space import SplineSpace
 
 __all__ = ["C1Space"]
 

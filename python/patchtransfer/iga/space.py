@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..multipatch import Interface, MultiPatch, Side
-from ..splines import FloatArray, collocation_matrix, knot_spans
+from ..splines import FloatArray, IntArray, collocation_matrix, knot_spans
 from ..topology import identify
 
 __all__ = ["Field", "SplineSpace", "Univariate"]
 
-IntArray = NDArray[np.int64]
 
 #: Largest degree of a field. The condition of a B-spline basis grows like 4^p in each of the two directions: on all
 #: bundled samples and a square the error of Poisson's equation is least at degree 12 and grows fourfold with every

@@ -10,9 +10,9 @@ from scipy.sparse import coo_array, csc_array
 
 from .. import _core
 from ..errors import InputError
-from ..splines import FloatArray
+from ..splines import FloatArray, IntArray
 from .nodes import PatchNodes, ScalarFunction, SideNodes, sampled
-from .space import IntArray, SplineSpace
+from .space import SplineSpace
 
 __all__ = ["Assembler", "DefiniteSystem", "boundary_fit", "symmetric", "upper_triangle"]
 

@@ -128,29 +128,52 @@ pub fn triangulate(
         .iter()
         .map(|p| spade::mitigate_underflow(Point2::new(p[0] * scale, p[1] * scale)))
         .collect::<Vec<_>>();
-    let mut conflicts = Vec::new();
-    let mut cdt = Cdt::try_bulk_load_cdt(scaled, edges.clone(), |e| conflicts.push(e)).map_err(rejected)?;
-    assert_eq!(cdt.num_vertices(), points.len(), "duplicates were excluded above");
-    if let Some(&[from, to]) = conflicts.iter().min() {
-        let crossed = cdt
-            .get_conflicting_edges_between_vertices(
-                FixedVertexHandle::from_index(from),
-                FixedVertexHandle::from_index(to),
-            )
-            .map(|e| [e.from().index(), e.to().index()])
-            .next()
-            .unwrap_or([from, to]);
-        return Err(TriangulationError::CrossingConstraints { a: [from, to], b: crossed });
-    }
+    let mut cdt = delaunay(scaled)?;
+    constrain(&mut cdt, &edges)?;
     check_constraints(&cdt, &edges, points)?;
-    let mut inside = faces_inside(&cdt);
-    check_nesting(&cdt, loops, &inside)?;
-    check_usage(&cdt, &inside, points.len())?;
+    let mut interior = interior(&cdt);
+    check_nesting(&cdt, loops, &interior.faces)?;
+    check_usage(&interior.triangles, points.len())?;
     if let Some(limits) = refinement {
         refine(&mut cdt, limits, scale)?;
-        inside = faces_inside(&cdt);
+        interior = self::interior(&cdt);
     }
-    Ok(extract(&cdt, &inside, points, scale))
+    Ok(extract(&cdt, interior.triangles, points, scale))
+}
+
+/// The Delaunay triangulation of the points, vertex `i` being point `i`.
+///
+/// Constraints come later, one by one: as long as `spade`'s bulk load has some left it keeps the hull convex, which
+/// takes a fifth more in-circle tests on a grid, and they are the exact, expensive ones there.
+fn delaunay(points: Vec<Point2<f64>>) -> Result<Cdt, TriangulationError> {
+    let copy = points.clone();
+    let cdt = Cdt::try_bulk_load_cdt(points, Vec::new(), |_| ()).map_err(rejected)?;
+    // `spade` drops points that coincide.
+    if cdt.num_vertices() == copy.len() { Ok(cdt) } else { Err(duplicates(&copy)) }
+}
+
+/// The first two points that coincide, of points some of which do.
+fn duplicates(points: &[Point2<f64>]) -> TriangulationError {
+    let key = |i: usize| (points[i].x, points[i].y);
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by(|&i, &j| key(i).partial_cmp(&key(j)).expect("finite").then(i.cmp(&j)));
+    let twice = order.windows(2).find(|w| key(w[0]) == key(w[1])).expect("two points coincide");
+    TriangulationError::DuplicatePoints { a: twice[0], b: twice[1] }
+}
+
+fn constrain(cdt: &mut Cdt, edges: &[[usize; 2]]) -> Result<(), TriangulationError> {
+    for &edge in edges {
+        let [from, to] = edge.map(FixedVertexHandle::from_index);
+        if cdt.try_add_constraint(from, to).is_empty() {
+            let crossed = cdt
+                .get_conflicting_edges_between_vertices(from, to)
+                .map(|e| [e.from().index(), e.to().index()])
+                .next()
+                .unwrap_or(edge);
+            return Err(TriangulationError::CrossingConstraints { a: edge, b: crossed });
+        }
+    }
+    Ok(())
 }
 
 fn rejected(error: InsertionError) -> TriangulationError {
@@ -162,17 +185,7 @@ fn check_points(points: &[[f64; 2]]) -> Result<(), TriangulationError> {
     if let Some(point) = points.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
         return Err(TriangulationError::NotFinite { point });
     }
-    // Adding zero makes -0.0 and 0.0 the same. Sorting plain numbers takes a third of the time of sorting indices.
-    let key = |p: &[f64; 2]| u128::from((p[0] + 0.0).to_bits()) << 64 | u128::from((p[1] + 0.0).to_bits());
-    let mut keys: Vec<u128> = points.iter().map(key).collect();
-    keys.sort_unstable();
-    if keys.windows(2).all(|w| w[0] != w[1]) {
-        return Ok(());
-    }
-    let mut order: Vec<usize> = (0..points.len()).collect();
-    order.sort_by(|&i, &j| points[i].partial_cmp(&points[j]).expect("finite").then(i.cmp(&j)));
-    let twice = order.windows(2).find(|w| points[w[0]] == points[w[1]]).expect("two keys are equal");
-    Err(TriangulationError::DuplicatePoints { a: twice[0], b: twice[1] })
+    Ok(())
 }
 
 fn check_loops(n: usize, loops: &[Vec<usize>]) -> Result<Vec<[usize; 2]>, TriangulationError> {
@@ -222,37 +235,58 @@ fn check_constraints(cdt: &Cdt, edges: &[[usize; 2]], points: &[[f64; 2]]) -> Re
     Ok(())
 }
 
+/// What is left of a triangulation without the exterior and the holes.
+struct Interior {
+    /// For every face, whether it belongs to the domain.
+    faces: Vec<bool>,
+    /// The vertices of those that do.
+    triangles: Vec<[usize; 3]>,
+}
+
 /// Faces at odd depth, the depth being the least number of constraints between a face and infinity.
-fn faces_inside(cdt: &Cdt) -> Vec<bool> {
-    let mut depth = vec![u32::MAX; cdt.num_all_faces()];
-    depth[cdt.outer_face().index()] = 0;
-    // Edges as seen from a face already reached.
-    let mut queue: VecDeque<_> = cdt
-        .convex_hull()
-        .map(|edge| if edge.is_outer_edge() { edge.fix() } else { edge.rev().fix() })
-        .collect();
-    while let Some(edge) = queue.pop_front() {
-        let edge = cdt.directed_edge(edge);
-        let constraint = edge.as_undirected().is_constraint_edge();
-        let level = depth[edge.face().index()] + u32::from(constraint);
-        let beyond = edge.rev();
-        if level < depth[beyond.face().index()] {
-            depth[beyond.face().index()] = level;
-            for next in [beyond.next(), beyond.prev()] {
-                let constraint = next.as_undirected().is_constraint_edge();
-                if level + u32::from(constraint) >= depth[next.rev().face().index()] {
-                    continue;
-                }
-                // Faces without a constraint in between come first, so depths are final when they spread.
-                if constraint {
-                    queue.push_back(next.fix());
-                } else {
-                    queue.push_front(next.fix());
+///
+/// They are flooded depth by depth. Corners are noted on the way, as the edges of a face are at hand then: reading
+/// them again in another order costs as much as the flood.
+fn interior(cdt: &Cdt) -> Interior {
+    let mut seen = vec![false; cdt.num_all_faces()];
+    let mut faces = seen.clone();
+    let mut triangles = Vec::with_capacity(cdt.num_inner_faces());
+    seen[cdt.outer_face().index()] = true;
+    // An edge of every face to be entered, at this depth and at the next.
+    let (mut here, mut deeper) = (VecDeque::new(), VecDeque::new());
+    for edge in cdt.convex_hull() {
+        let edge = if edge.is_outer_edge() { edge.rev() } else { edge };
+        let list = if edge.as_undirected().is_constraint_edge() { &mut deeper } else { &mut here };
+        list.push_back(edge.fix());
+    }
+    let mut odd = false;
+    loop {
+        while let Some(entry) = here.pop_front() {
+            let edge = cdt.directed_edge(entry);
+            let face = edge.face().index();
+            if std::mem::replace(&mut seen[face], true) {
+                continue;
+            }
+            let (next, prev) = (edge.next(), edge.prev());
+            if odd {
+                faces[face] = true;
+                triangles.push([edge, next, prev].map(|e| e.from().index()));
+            }
+            for side in [next, prev] {
+                let beyond = side.rev();
+                if !seen[beyond.face().index()] {
+                    let list =
+                        if side.as_undirected().is_constraint_edge() { &mut deeper } else { &mut here };
+                    list.push_back(beyond.fix());
                 }
             }
         }
+        if deeper.is_empty() {
+            return Interior { faces, triangles };
+        }
+        std::mem::swap(&mut here, &mut deeper);
+        odd = !odd;
     }
-    depth.into_iter().map(|d| d % 2 == 1).collect()
 }
 
 fn check_nesting(cdt: &Cdt, loops: &[Vec<usize>], inside: &[bool]) -> Result<(), TriangulationError> {
@@ -266,12 +300,10 @@ fn check_nesting(cdt: &Cdt, loops: &[Vec<usize>], inside: &[bool]) -> Result<(),
     Ok(())
 }
 
-fn check_usage(cdt: &Cdt, inside: &[bool], n: usize) -> Result<(), TriangulationError> {
+fn check_usage(triangles: &[[usize; 3]], n: usize) -> Result<(), TriangulationError> {
     let mut used = vec![false; n];
-    for face in cdt.inner_faces().filter(|f| inside[f.index()]) {
-        for vertex in face.vertices() {
-            used[vertex.index()] = true;
-        }
+    for &vertex in triangles.as_flattened() {
+        used[vertex] = true;
     }
     match used.iter().position(|u| !u) {
         Some(point) => Err(TriangulationError::PointOutside { point }),
@@ -307,32 +339,28 @@ fn refine(cdt: &mut Cdt, limits: Refinement, scale: f64) -> Result<(), Triangula
     }
 }
 
-fn extract(cdt: &Cdt, inside: &[bool], input: &[[f64; 2]], scale: f64) -> Mesh {
-    let mut triangles: Vec<[usize; 3]> = cdt
-        .inner_faces()
-        .filter(|f| inside[f.index()])
-        .map(|f| {
-            let mut t = f.vertices().map(|v| v.index());
-            let first = (0..3).min_by_key(|&i| t[i]).expect("three corners");
-            t.rotate_left(first);
-            t
-        })
-        .collect();
-    // Refinement may leave Steiner points in the exterior; drop them and close the gaps.
-    let mut number = vec![usize::MAX; cdt.num_vertices()];
-    for &v in triangles.iter().flatten() {
-        number[v] = v;
-    }
+fn extract(cdt: &Cdt, mut triangles: Vec<[usize; 3]>, input: &[[f64; 2]], scale: f64) -> Mesh {
     let mut points = input.to_vec();
-    for vertex in cdt.vertices().skip(input.len()) {
-        if number[vertex.index()] != usize::MAX {
-            number[vertex.index()] = points.len();
-            let p = vertex.position();
-            points.push([p.x / scale, p.y / scale]);
+    if cdt.num_vertices() > input.len() {
+        // Refinement may leave Steiner points in the exterior; drop them and close the gaps.
+        let mut number = vec![usize::MAX; cdt.num_vertices()];
+        for &v in triangles.as_flattened() {
+            number[v] = v;
+        }
+        for vertex in cdt.vertices().skip(input.len()) {
+            if number[vertex.index()] != usize::MAX {
+                number[vertex.index()] = points.len();
+                let p = vertex.position();
+                points.push([p.x / scale, p.y / scale]);
+            }
+        }
+        for v in triangles.as_flattened_mut() {
+            *v = number[*v];
         }
     }
-    for v in triangles.iter_mut().flatten() {
-        *v = number[*v];
+    for t in &mut triangles {
+        let first = (0..3).min_by_key(|&i| t[i]).expect("three corners");
+        t.rotate_left(first);
     }
     Mesh { triangles: sorted(&triangles, points.len()), points }
 }
@@ -361,74 +389,5 @@ fn sorted(triangles: &[[usize; 3]], n: usize) -> Vec<[usize; 3]> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn area(points: &[[f64; 2]], t: &[usize]) -> f64 {
-        (0..t.len())
-            .map(|i| {
-                let (p, q) = (points[t[i]], points[t[(i + 1) % t.len()]]);
-                (p[0] * q[1] - p[1] * q[0]) / 2.0
-            })
-            .sum()
-    }
-
-    const SQUARE: [[f64; 2]; 4] = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
-
-    proptest! {
-        #[test]
-        fn star_with_hole(radii in prop::collection::vec(0.8..1.5f64, 5..30), hole in 3usize..9,
-                          exponent in -140i32..140, refine in any::<bool>()) {
-            let scale = 10f64.powi(exponent);
-            let circle = |i: usize, n: usize, r: f64| {
-                let t = std::f64::consts::TAU * i as f64 / n as f64;
-                [scale * r * t.cos(), scale * r * t.sin()]
-            };
-            let n = radii.len();
-            let mut points: Vec<_> = radii.iter().enumerate().map(|(i, &r)| circle(i, n, r)).collect();
-            points.extend((0..hole).map(|i| circle(i, hole, 0.2)));
-            let loops = [(0..n).collect::<Vec<_>>(), (n..n + hole).rev().collect()];
-            let refinement = refine.then_some(Refinement { min_angle: 20.0, max_area: Some(0.05 * scale * scale) });
-            let mesh = triangulate(&points, &loops, refinement).unwrap();
-            let expected: f64 = loops.iter().map(|l| area(&points, l)).sum();
-            let areas: Vec<f64> = mesh.triangles.iter().map(|t| area(&mesh.points, t)).collect();
-            prop_assert!(areas.iter().all(|&a| a > 0.0));
-            prop_assert!((areas.iter().sum::<f64>() - expected).abs() < 1e-12 * expected);
-            prop_assert_eq!(&mesh.points[..points.len()], &points[..]);
-            if refine {
-                prop_assert!(areas.iter().all(|&a| a <= 0.05 * scale * scale * (1.0 + 1e-9)));
-            } else {
-                // Euler: one hole.
-                prop_assert_eq!(mesh.triangles.len(), points.len());
-            }
-            prop_assert_eq!(&mesh, &triangulate(&points, &loops, refinement).unwrap());
-        }
-    }
-
-    #[test]
-    fn reports_what_is_wrong() {
-        use TriangulationError::*;
-        let with = |extra: &[[f64; 2]], loops: &[Vec<usize>]| {
-            let mut points = SQUARE.to_vec();
-            points.extend(extra);
-            triangulate(&points, loops, None).unwrap_err()
-        };
-        let outer = vec![0, 1, 2, 3];
-        let crossing = with(&[], &[vec![0, 2, 1, 3]]);
-        assert!(matches!(crossing, CrossingConstraints { a, b } if a != b), "{crossing:?}");
-        assert_eq!(with(&[[2.0, 0.5]], std::slice::from_ref(&outer)), PointOutside { point: 4 });
-        assert_eq!(with(&[[0.0, -0.0]], std::slice::from_ref(&outer)), DuplicatePoints { a: 0, b: 4 });
-        assert_eq!(
-            with(&[[0.5, 0.0]], std::slice::from_ref(&outer)),
-            PointOnConstraint { point: 4, edge: [0, 1] }
-        );
-        assert_eq!(with(&[[f64::NAN, 0.0]], std::slice::from_ref(&outer)), NotFinite { point: 4 });
-        assert_eq!(with(&[], &[vec![3, 2, 1, 0]]), WrongOrientation { index: 0 });
-        assert_eq!(with(&[], &[vec![0, 1]]), ShortLoop { index: 0, length: 2 });
-        assert_eq!(with(&[], &[vec![0, 1, 9]]), UnknownPoint { index: 0, point: 9 });
-        assert_eq!(with(&[], &[vec![0, 1, 2, 0]]), RepeatedPoint { point: 0 });
-        let inner = [[0.4, 0.4], [0.6, 0.4], [0.5, 0.6]];
-        assert_eq!(with(&inner, &[outer, vec![4, 5, 6]]), WrongOrientation { index: 1 });
-    }
-}
+#[path = "triangulation_tests.rs"]
+mod tests;
