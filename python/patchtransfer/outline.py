@@ -27,10 +27,15 @@ class Outline:
         Each ends where the next starts. NURBS are evaluated as such.
     """
 
+    # All of it is made when asked for: results bring their outlines from other processes, and few are ever used there.
     def __init__(self, curves: Sequence[BSplineCurve]) -> None:
         self.curves = tuple(curves)
 
-    # Built when asked for: results bring their outlines from other processes, and few are ever used there.
+    @cached_property
+    def curves(self) -> tuple[BSplineCurve, ...]:
+        """The curves."""
+        return unpack_curves(self._packed)
+
     @cached_property
     def core(self) -> _core.Outline:
         """The curves in the core, with their arc-length table."""
@@ -46,8 +51,12 @@ class Outline:
         """Arc length where every curve starts, (n_curves + 1,); the last entry is the total length."""
         return self.core.joints
 
+    @cached_property
+    def _packed(self) -> PackedCurves:
+        return pack_curves(self.curves)
+
     def __reduce__(self) -> tuple[Callable[[PackedCurves], Outline], tuple[PackedCurves]]:
-        return _unpacked, (pack_curves(self.curves),)
+        return _unpacked, (self._packed,)
 
     def evaluate(self, s: FloatArray, from_left: bool = False) -> FloatArray:
         """Points and unit tangents (..., 4) at the arc lengths `s`, taken modulo the length.
@@ -108,7 +117,9 @@ class Outline:
 
 
 def _unpacked(curves: PackedCurves) -> Outline:
-    return Outline(unpack_curves(curves))
+    outline = Outline.__new__(Outline)
+    outline.__dict__["_packed"] = curves
+    return outline
 
 
 def hausdorff(a: Outline, b: Outline) -> float:

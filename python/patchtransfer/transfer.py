@@ -31,7 +31,7 @@ from .registration import Registration, register
 from .result import TransferResult
 from .sliding import Slid, movable_joints, slide_joints
 from .splines import FloatArray, Patch
-from .task import TransferTask
+from .task import TransferTask, in_order
 from .topology import CORNERS
 
 __all__ = ["Refilled", "TransferPlan", "transfer"]
@@ -243,8 +243,9 @@ class TransferPlan:
             As `transfer` does, when the target's turn comes; the message begins with its place, as in "targets[3]: ".
         """
         task, numbered = TransferTask(self.transfer, options), enumerate(targets)
-        # An executor takes all of them at once, and Dask's takes no iterators.
-        return map(task, numbered) if executor is None else executor.map(task, list(numbered))
+        if executor is None:
+            return map(task, numbered)
+        return in_order(task, list(numbered), executor, self.source.topology.n_points)
 
     def refill(self, points: ArrayLike, progress: Progress | None = None) -> Refilled:
         """Parameterize a boundary that is given on the source's own sides: no registration, no fit.
