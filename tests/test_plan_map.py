@@ -112,6 +112,31 @@ def test_errors_name_their_target(failing, kind):
         check_failure(plan.map(given, pool))
 
 
+def test_chunks_are_in_order_and_end_at_an_error(failing):
+    """Of many targets of a small source several go to a worker at once: those before a failure are not lost."""
+    plan, (_, _, bad, _) = failing
+    mp = plan.source
+    given = [targets.deformed(mp, targets.bend(mp, 5 + i), seed=i) for i in range(20)]
+    expected = list(plan.map(given))
+    given[5] = bad
+    sizes = []
+
+    class Pool(ThreadPoolExecutor):
+        def map(self, work, chunks):
+            sizes.extend(map(len, chunks))
+            return super().map(work, chunks)
+
+    with Pool(2) as pool:
+        results = plan.map(given, pool)
+        assert equal([next(results) for _ in range(5)], expected[:5])
+        with pytest.raises(InfeasibleTargetError, match=r"^targets\[5\]"):
+            next(results)
+        assert equal(list(plan.map(given[6:], pool)), expected[6:])
+    # The one before the failure came in one chunk with it; the last ones come alone.
+    assert sizes[:3] == [2, 2, 2]
+    assert sizes[-1] == 1
+
+
 def test_errors_name_their_target_in_dask(failing, dask):
     plan, given = failing
     check_failure(plan.map(given, dask))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +22,8 @@ from .splines import BSplineCurve, FloatArray
 
 __all__ = ["Corner", "check_corners", "check_loops", "check_target_corners", "corner_report"]
 
-#: Coordinates are taken to be known within this many units of roundoff of the largest one at a joint.
-DATA_ULPS = 16.0
+#: Coordinates are taken to be known within 16 units of roundoff of the largest one at a joint.
+ROUNDING = 8.0 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -111,9 +112,9 @@ def corner_report(loops: Sequence[Sequence[BSplineCurve]], single_patch: Sequenc
     list of Corner
         Loop by loop, joint by joint.
     """
-    corners = []
+    corners, of_all = [], iter(_ends([curve for curves in loops for curve in curves]))
     for k, (curves, flags) in enumerate(zip(loops, single_patch, strict=True)):
-        ends = [_ends(curve) for curve in curves]
+        ends = list(islice(of_all, len(curves)))
         for i, single in enumerate(flags):
             corners.append(_corner(k, i, ends[i - 1], ends[i], bool(single)))
     return corners
@@ -136,18 +137,28 @@ class _Leg(NamedTuple):
     skipped: bool
 
 
-def _ends(curve: BSplineCurve) -> _Ends:
-    points = curve.control_points.tolist()
-    x, y = points[0]
-    return _Ends((x, y), _leg(points), _leg(points[::-1]), float(np.abs(curve.control_points).max()))
+def _ends(curves: Sequence[BSplineCurve]) -> list[_Ends]:
+    points = np.concatenate([curve.control_points for curve in curves])
+    last = np.cumsum([len(curve.control_points) for curve in curves]) - 1
+    first = np.concatenate([[0], last[:-1] + 1])
+    largest = np.maximum.reduceat(np.abs(points).max(axis=1), first)
+    ends = np.column_stack(
+        [points[first], points[first + 1] - points[first], points[last - 1] - points[last], largest]
+    ).tolist()
+    return [
+        _Ends((x, y), _leg(curve.control_points, a, b), _leg(curve.control_points[::-1], c, d), size)
+        for curve, (x, y, a, b, c, d, size) in zip(curves, ends, strict=True)
+    ]
 
 
-def _leg(points: Sequence[Sequence[float]]) -> _Leg:
-    x, y = points[0]
-    for k, (a, b) in enumerate(points[1:]):
-        if a != x or b != y:
-            return _Leg(a - x, b - y, k > 0)
-    return _Leg(0.0, 0.0, True)
+def _leg(points: FloatArray, x: float, y: float) -> _Leg:
+    """The leg at the first of a curve's points, (x, y) away from the second."""
+    if x or y:
+        return _Leg(x, y, False)
+    differences = points - points[0]
+    there = np.flatnonzero(differences.any(axis=1))
+    x, y = differences[there[0]].tolist() if len(there) else (0.0, 0.0)
+    return _Leg(x, y, True)
 
 
 def _corner(k: int, i: int, before: _Ends, after: _Ends, single: bool) -> Corner:
@@ -160,8 +171,7 @@ def _corner(k: int, i: int, before: _Ends, after: _Ends, single: bool) -> Corner
     sine, cosine = a * d - b * c, a * c + b * d
     # The boundary turns left by the exterior angle; what is left of 180° lies inside.
     angle = 180.0 - math.degrees(math.atan2(sine, cosine))
-    unit = DATA_ULPS * np.finfo(float).eps / 2
-    rounding = float(unit * (1.0 + max(before.largest, after.largest) * (1.0 / first + 1.0 / second)))
+    rounding = float(ROUNDING * (1.0 + max(before.largest, after.largest) * (1.0 / first + 1.0 / second)))
     kind, bound = "regular", sine
     if not single:
         kind, bound = "free", 1.0
