@@ -1,8 +1,8 @@
 """Many targets through one plan: ``python plan_map.py [-n 100] [--model FILE] [--refinements K]``.
 
 Compares a cold `transfer()` for every target, of a source as read from a file, with one plan for all: one target after
-the other, and with an executor of two threads and of two processes. What counts are the ratios; the last two need
-two idle cores.
+the other on one core, then with the core's own threads, with an executor of two threads, and of two processes. What
+counts are the ratios; the last three are to one plan on one core and need two idle ones.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from transfer_yeti import bent_boundary
 
 import patchtransfer as pt
-from patchtransfer import examples
+from patchtransfer import _core, examples
 from patchtransfer.refinement import refine_uniformly
 
 
@@ -42,18 +42,27 @@ def main() -> None:
     plan.transfer(*given[0])
     # What a source keeps for later transfers is the plan's work too.
     fresh = [pt.MultiPatch(source.patches, source.interfaces) for _ in given]
-    cold = seconds(lambda: [pt.transfer(s, *pair, options.continuity) for s, pair in zip(fresh, given, strict=True)])
-    alone = seconds(lambda: list(plan.map(given)))
     print(f"{options.n} targets, {source}")
-    print(f"cold transfer()   {1e3 * cold / options.n:8.1f} ms each")
-    print(f"one plan          {1e3 * alone / options.n:8.1f} ms each, {alone / cold:.0%} of cold")
+
+    def row(what: str, work: Callable[[], object], than: float | None = None) -> float:
+        each = seconds(work) / options.n
+        print(f"{what:28}{1e3 * each:8.1f} ms each" + (f", {than / each:.2f} times faster" if than else ""))
+        return each
+
+    _core.set_threads(1)
+    cold = row(
+        "cold transfer(), one core",
+        lambda: [pt.transfer(s, *g, options.continuity) for s, g in zip(fresh, given, strict=True)],
+    )
+    alone = row("one plan, one core", lambda: list(plan.map(given)))
+    print(f"{'':28}{alone / cold:8.0%} of cold")
+    _core.set_threads(0)
+    row("one plan, the core's threads", lambda: list(plan.map(given)), alone)
     with ThreadPoolExecutor(2) as pool:
-        threads = seconds(lambda: list(plan.map(given, pool)))
-    print(f"two threads       {1e3 * threads / options.n:8.1f} ms each, {alone / threads:.2f} times faster")
+        row("two threads", lambda: list(plan.map(given, pool)), alone)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        list(plan.map(given[:4], pool))
-        processes = seconds(lambda: list(plan.map(given, pool)))
-    print(f"two processes     {1e3 * processes / options.n:8.1f} ms each, {alone / processes:.2f} times faster")
+        list(plan.map(given, pool))
+        row("two processes", lambda: list(plan.map(given, pool)), alone)
 
 
 if __name__ == "__main__":
