@@ -233,7 +233,7 @@ class TransferPlan:
         executor : concurrent.futures.Executor, optional
             Runs the targets in parallel; None (the default) one after the other, with threads inside the core. A
             process pool works on every target with one thread; small models gain from processes, for much of their
-            time is Python's.
+            time is Python's. Of a small source several targets go to a worker at once.
         **options
             As in `transfer`.
 
