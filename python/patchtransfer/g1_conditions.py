@@ -20,7 +20,7 @@ import numpy as np
 from .gluing import ControlRows
 from .splines import FloatArray, collocation_matrix, greville, reverse_knots
 
-__all__ = ["conditions", "evaluated"]
+__all__ = ["conditions", "discontinuities", "evaluated"]
 
 
 def conditions(r: ControlRows, data: FloatArray, constant: bool, degree: int) -> FloatArray:
@@ -46,7 +46,7 @@ def conditions(r: ControlRows, data: FloatArray, constant: bool, degree: int) ->
     parts = [r.functional(evaluated(data, t), *r.basis(t))]
     n = len(t)
     if degree >= 0:
-        jumps = _smoothness_jumps(r)
+        _, jumps = discontinuities(r.knots, r.degree)
         parts.append(np.hstack([np.zeros((len(jumps), 2 * n)), jumps]))
     if degree == 2 or not constant:
         parts.append(_leading(r, data, constant, degree))
@@ -64,18 +64,16 @@ def evaluated(data: FloatArray, t: FloatArray, order: int = 0) -> FloatArray:
     return np.stack([data[:2] @ linear, data[2:4] @ linear, data[4:] @ quadratic], axis=1)
 
 
-def _smoothness_jumps(r: ControlRows) -> FloatArray:
-    """Jumps of the first derivative of the basis functions that is not continuous, at every inner knot."""
-    inner, multiplicity = np.unique(r.knots[r.degree + 1 : -r.degree - 1], return_counts=True)
-    backwards = reverse_knots(r.knots)
-    there = np.unique(backwards[r.degree + 1 : -r.degree - 1])[::-1]
-    jumps = []
-    for t, mirrored, m in zip(inner, there, multiplicity, strict=True):
-        order = r.degree - int(m) + 1
-        after = collocation_matrix(r.knots, r.degree, [t], order)[0]
-        before = (-1) ** order * collocation_matrix(backwards, r.degree, [mirrored], order)[0, ::-1]
-        jumps.append(after - before)
-    return np.array(jumps).reshape(-1, len(r.curve))
+def discontinuities(knots: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
+    """Inner breaks (m,), and the jumps (m, n) there of the basis functions' first derivative that is not continuous."""
+    inner, multiplicity = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
+    backwards = reverse_knots(knots)
+    mirrored = np.unique(backwards[degree + 1 : -degree - 1])[::-1]
+    jumps = np.empty((len(inner), len(knots) - degree - 1))
+    for k, order in enumerate(degree + 1 - multiplicity):
+        before = collocation_matrix(backwards, degree, mirrored[k : k + 1], int(order))[0, ::-1]
+        jumps[k] = collocation_matrix(knots, degree, inner[k : k + 1], int(order))[0] - (-1) ** order * before
+    return inner, jumps
 
 
 def _leading(r: ControlRows, data: FloatArray, constant: bool, degree: int) -> FloatArray:
