@@ -118,9 +118,9 @@ class _Geometry:
         return a.table(s) @ first, _aligned(b, s) @ second, a.table(s, 1) @ self.side
 
 
-def _aligned(row: _Row, s: FloatArray, order: int = 0) -> FloatArray:
+def _aligned(row: _Row, s: FloatArray) -> FloatArray:
     """Basis functions of a side with the functions, too, in the sense of the interface."""
-    table = row.table(s, order)
+    table = row.table(s)
     return table[:, ::-1] if row.reverse else table
 
 
