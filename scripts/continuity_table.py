@@ -7,7 +7,7 @@ output, with disc, turtle and yeti of the G+Smo collection as models.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -89,9 +89,12 @@ def cases(paths: list[str]) -> Iterator[tuple[str, pt.MultiPatch, pt.Boundary, n
 
 def main() -> None:
     """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("models", nargs="*", metavar="MODEL.xml", help="more models than the samples")
+    paths = parser.parse_args().models
     print("| model and target | continuity | scaled Jacobian min | mean | condition number mean | kink mean | AS-G1 |")
     print("|---|---|---|---|---|---|---|")
-    for name, source, target, landmarks in cases(sys.argv[1:]):
+    for name, source, target, landmarks in cases(paths):
         for continuity in ("c0", "c1", "g1"):
             try:
                 result = pt.transfer(source, target, landmarks, continuity, on_failure="return")

@@ -5,6 +5,7 @@ python scripts/methods_table.py [OUT.md]
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable
@@ -96,4 +97,6 @@ def main(output: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "methods.md")
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("output", type=Path, nargs="?", default=ROOT / "docs" / "methods.md", metavar="OUT.md")
+    main(parser.parse_args().output)

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 import models
 import patchtransfer as pt
 import strategies
+import targets
 from patchtransfer import examples, iga
 from patchtransfer.iga.biharmonic import sine_hessian
 from patchtransfer.iga.nodes import GeometryAt, PatchNodes, gauss
 from patchtransfer.iga.poisson import sine, sine_gradient
+from test_g1 import SPACES
 
 MODELS = os.environ.get("PATCHTRANSFER_MODELS")
 
@@ -228,3 +230,18 @@ def test_a_kink_inside_a_patch_is_refused():
     mp = pt.MultiPatch([p.insert_knots(0, [0.5]) for p in models.grid(1, 1, 1, 1).patches])
     with pytest.raises(pt.InputError, match=r"patch 0: C¹ fields need .* one continuous derivative"):
         iga.biharmonic(mp, degree=3)
+
+
+@pytest.mark.parametrize("name", ["plate with hole p3", "annulus p3", "o-grid p3", "quartic, C2"])
+@given(seed=st.integers(0, 10**6), exponent=st.floats(-12, -3))
+@settings(max_examples=6, deadline=None)
+def test_symmetric_models_that_change_a_little_have_no_doubtful_ranks(name, seed, exponent):
+    """Gluing data are as small as the change, the conditions of the fields are not."""
+    mp = SPACES[name]()
+    target, landmarks = targets.deformed(mp, targets.waves(mp, 10**exponent, seed), same_cuts=True)
+    smooth = pt.transfer(mp, target, landmarks, "g1").multipatch
+    degree = max(smooth.patches[0].degrees)
+    fields = iga.C1Space(iga.SplineSpace(smooth, degree, divisions=2, smoothness=degree - 2), smooth)
+    low, high = fields.rank_gap
+    assert low < 1e-9
+    assert high > 1e-6

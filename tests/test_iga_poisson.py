@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -332,3 +333,15 @@ def test_a_model_with_many_waves_across_is_warned_of(tmp_path):
     run = CliRunner().invoke(main, ["poisson", str(tmp_path / "large.xml")])
     assert run.exit_code == 0
     assert "scale the model" in run.stderr
+
+
+def test_what_would_not_fit_into_memory_is_refused_before_anything_is_made():
+    """By the library too; the limit is the caller's, and is where the message says."""
+    mp = models.grid(2, 1, 3, 3)
+    with pytest.raises(pt.InputError, match=r"5000 points are too many: at degree 3 and 2 patches .* 8 GB") as found:
+        iga.poisson(mp, points=5000)
+    largest = int(re.search(r"more than (\d+) per patch", str(found.value))[1])
+    assert 500 < largest < 1000
+    with pytest.raises(pt.InputError, match=r"0.001 GB with more than 7 per"):
+        iga.poisson(mp, points=8, memory=0.001)
+    assert iga.poisson(mp, points=7, memory=0.001).dofs == 7 * 13

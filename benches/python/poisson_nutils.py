@@ -8,7 +8,7 @@ what counts is the ratio.
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 
 import numpy as np
@@ -85,8 +85,11 @@ def solve_here(mp: pt.MultiPatch, refinements: int):
 
 
 def main() -> None:
-    name = sys.argv[1] if len(sys.argv) > 1 else "frame"
-    refinements = int(sys.argv[2]) if len(sys.argv) > 2 else 5
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("example", nargs="?", default="frame", choices=list(examples.EXAMPLES))
+    parser.add_argument("refinements", nargs="?", type=int, default=5)
+    options = parser.parse_args()
+    name, refinements = options.example, options.refinements
     source, _, _ = examples.load(name)
     result, (assembly, solve) = solve_here(source, refinements)
     print(f"{name}, {result.dofs} unknowns, degree {result.field.space.degree}")

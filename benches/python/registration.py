@@ -6,7 +6,7 @@ Prints the median of several runs, without and with landmarks.
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from statistics import median
 
@@ -72,4 +72,6 @@ def main(n: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 1000)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("curves", type=int, nargs="?", default=1000, help="curves of the source, 8 or more (1000)")
+    main(parser.parse_args().curves)

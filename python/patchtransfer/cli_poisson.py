@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from math import isqrt
 from typing import TYPE_CHECKING
 
 import click
 
 from .cli_support import Report, all_or_nothing, check_outputs, failures, json_option, keep_inputs, set_threads, warn
-from .errors import InputError
 
 if TYPE_CHECKING:
     from .iga import PoissonResult
-    from .multipatch import MultiPatch
 
 __all__ = ["poisson"]
 
 #: Relative L2 error above which a field does not resolve the solution.
 COARSE = 0.1
-#: Largest number of matrix entries, (2p + 1)² an unknown. Solving with so many takes about 8 GB.
-ENTRIES = 50_000_000
 
 
 @click.command()
@@ -50,8 +45,6 @@ def poisson(
         keep_inputs([file], [plot_path, json_path])
         set_threads(threads)
         model = io.read(file)
-        if points is not None:
-            _check_size(model, degree, points)
         result = solve(model, degree=degree, points=points, knots="uniform" if uniform else "auto")
         warnings = _unresolved(result)
         with all_or_nothing(plot_path, json_path):
@@ -61,18 +54,6 @@ def poisson(
     warn(warnings)
     if json_path != "-":
         _summary(result.to_dict())
-
-
-def _check_size(model: MultiPatch, degree: int | None, points: int) -> None:
-    """Refuse a field whose linear system would not fit into memory."""
-    p = max(max(patch.degrees) for patch in model.patches) if degree is None else degree
-    # A degree below 1 has an error of its own.
-    largest = isqrt(ENTRIES // (len(model) * (2 * max(p, 1) + 1) ** 2))
-    if points > max(largest, p + 1):
-        raise InputError(
-            f"--points {points} is too many: at degree {p} and {len(model)} patches the linear system fits into "
-            f"memory up to --points {largest}"
-        )
 
 
 def _unresolved(result: PoissonResult) -> list[str]:

@@ -244,7 +244,7 @@ def match_hole(
     """Match a hole by its inner distances to the matched outer loop (anchors `outer`) and its own shape, best first."""
     pair = _Pair(source, target, k, partner, fixed)
     matched = image_of(outer, source.s[0])
-    cost = DISTANCES * _profiles(source, target, k, partner, 0, 0, matched)
+    cost = DISTANCES * _profiles(source, target, k, partner, matched)
     cost += REMEMBERED * _descriptors(source, target, k, partner)
     found = [pair.match(*solved) for start in pair.starts(cost, ())[:2] if (solved := pair.solve(cost, [start]))]
     return sorted(found, key=lambda match: match.score)
@@ -370,7 +370,7 @@ def _work_out(pair: _Pair, cost: FloatArray, start: int) -> tuple[float, IntArra
             return None
         match = pair.match(*solved)
         matched = image_of(match.anchors, pair.source.s[0])
-        profile = _profiles(pair.source, pair.target, 0, 0, 0, 0, matched)
+        profile = _profiles(pair.source, pair.target, 0, 0, matched)
         first = int(solved[1][0, 1])
         near = [first] if len(pair.fixed) else [(first + d) % n for d in range(-moves, moves + 1)]
         again = pair.solve(DISTANCES * profile + REMEMBERED * cost, near)
@@ -399,19 +399,17 @@ def _descriptors(source: BoundaryShape, target: BoundaryShape, k: int, partner: 
     return cost
 
 
-def _profiles(
-    source: BoundaryShape, target: BoundaryShape, k: int, partner: int, loop: int, other: int, matched: FloatArray
-) -> FloatArray:
+def _profiles(source: BoundaryShape, target: BoundaryShape, k: int, partner: int, matched: FloatArray) -> FloatArray:
     """Cost of every pair of nodes of loops `k` and `partner`, by inner distances.
 
-    Mean squared difference of the distances to the nodes of `loop` and to their images on the target loop `other` (arc
+    Mean squared difference of the distances to the nodes of the outer loop and to their images on the target's (arc
     lengths `matched`); near ones count more.
     """
-    x = source.distances[source.rows(k), source.rows(loop)]
-    index, fraction = target.locate(other, matched)
-    block = target.distances[target.rows(partner), target.rows(other)]
+    x = source.distances[source.rows(k), source.rows(0)]
+    index, fraction = target.locate(0, matched)
+    block = target.distances[target.rows(partner), target.rows(0)]
     y = block[:, index] * (1 - fraction) + block[:, (index + 1) % block.shape[1]] * fraction
-    w = source.shares(loop) / (x**2 + 0.02)
+    w = source.shares(0) / (x**2 + 0.02)
     w /= w.sum(axis=1, keepdims=True)
     squared = (w * x * x).sum(axis=1)[:, None] - 2 * (w * x) @ y.T + w @ (y * y).T
     # Rounding leaves tiny negative numbers on similar shapes.

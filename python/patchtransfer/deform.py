@@ -17,6 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .certificate import Certificate
 from .errors import InputError, NotCertifiedError
+from .fitting import SMOOTH
+from .landmarks import SNAP_DISTANCE
 from .multipatch import MultiPatch
 from .outline import Outline
 from .splines import FloatArray, collocation_matrix, greville
@@ -25,12 +27,8 @@ from .transfer import TransferPlan
 
 __all__ = ["DeformResult", "Deformer", "deform"]
 
-#: Handles farther from the boundary than this fraction of the diameter are refused.
-SNAP_DISTANCE = 0.01
 #: Default radius: this part of the loop's length, or this many times the farthest drag on it.
 REACH, REACH_PER_DRAG = 0.15, 3.0
-#: A joint that turns by less is smooth.
-SMOOTH = np.radians(2.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,18 @@
-"""Exact G1 rows: analysis-suitable gluing along whole interfaces (``continuity="g1"``).
+"""Gluing data of exact G1 rows: analysis-suitable gluing along whole interfaces (``continuity="g1"``).
 
 After Collin, Sangalli, Takacs 2016 (*Analysis-suitable G1 multi-patch parametrizations for C1 isogeometric spaces*,
 doi:10.1016/j.cagd.2016.05.009): a D_L + b D_R = c C' with a, b linear and c quadratic. The end values follow the frames
 of a reference map; the middle of c is free where a : b varies, else c is linear. At regular vertices it has to close
 the four twist rows, or these would force the tangents to be parallel. The derivation is in ``docs/continuity.md``.
+
+Which rows the data give depends on what vanishes by *structure* (a : b constant, c linear or zero), never on how small
+a number is: a boundary that changes a little gives as many rows (`patchtransfer.g1_conditions`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,19 +20,45 @@ from scipy.sparse import csr_array
 
 from .continuity import ContinuityRows
 from .errors import InputError
+from .g1_conditions import conditions, evaluated
 from .gluing import ControlRows
 from .multipatch import MultiPatch
 from .splines import FloatArray, IntArray
 from .topology import Spoke, Topology
 
-__all__ = ["check_g1_space", "g1_rows", "gluing_data"]
+__all__ = ["GluingData", "check_g1_space", "g1_rows", "gluing_data"]
 
-#: |c| (for a + b = 2) below which the reference is smooth at a regular vertex: C1 rows leave rounding only.
-SMOOTH = 1e-9
-#: |a_0 b_1 - a_1 b_0| (for a + b = 2) below which a : b counts as constant.
-CONSTANT = 1e-5
-#: Directions below this fraction of the largest are no rows.
-INDEPENDENT = 1e-10
+#: |c| (for a + b = 2) below which the reference is smooth at a regular vertex or on the boundary: C1 rows and the fit
+#: leave rounding only (values on all models are below 1e-12 or above 1e-5).
+SMOOTH = 1e-10
+#: |a_0 b_1 - a_1 b_0| (for a + b = 2) below which c is taken linear, for C1 fields would lock. It chooses data, and
+#: not how many rows there are.
+NEARLY_CONSTANT = 1e-5
+#: Conditions are independent unless points of an interface coincide; singular values are above 0.04 of the largest.
+DEPENDENT = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class GluingData:
+    """Gluing data of all interfaces, and what vanishes in them on any boundary.
+
+    Attributes
+    ----------
+    coefficients : (n, 7) array
+        Bernstein coefficients a_0, a_1, b_0, b_1, c_0, c_1, c_2 with a + b = 2.
+    constant : (n,) bool array
+        Whether a : b is constant: on interfaces between smooth vertices, where both ends have their chord's ratio.
+    degree : (n,) int array
+        Of c: -1 (zero), 1 or 2.
+    """
+
+    coefficients: FloatArray
+    constant: NDArray[np.bool_]
+    degree: IntArray
+
+    def conditions(self, index: int, r: ControlRows) -> FloatArray:
+        """Rows on `r.columns` of the interface `index`; see `patchtransfer.g1_conditions.conditions`."""
+        return conditions(r, self.coefficients[index], bool(self.constant[index]), int(self.degree[index]))
 
 
 def check_g1_space(mp: MultiPatch) -> None:
@@ -61,8 +91,8 @@ def check_g1_space(mp: MultiPatch) -> None:
 
 def gluing_data(
     topology: Topology, control: tuple[ControlRows, ...], reference: FloatArray, linear: bool = False
-) -> FloatArray:
-    """Gluing data of every interface: Bernstein coefficients a_0, a_1, b_0, b_1, c_0, c_1, c_2, shape (n, 7).
+) -> GluingData:
+    """Gluing data of every interface.
 
     Parameters
     ----------
@@ -71,10 +101,14 @@ def gluing_data(
     reference : (n_points, 2) array
         A map with C1 rows on exactly this boundary: its frames give the end values, and c_1 fits it best (least
         squares), changed as little as possible so that the twist rows close at regular vertices. Where a : b is
-        constant, c_1 is midway between c_0 and c_2.
+        constant, or nearly, c_1 is midway between c_0 and c_2.
     linear : bool, default False
         Take c_1 midway between c_0 and c_2 instead of the best fit: iso-lines bend more, but where kinks at both ends
         of an interface fade towards its middle this asks less of the map.
+
+    Returns
+    -------
+    GluingData
 
     Raises
     ------
@@ -85,13 +119,28 @@ def gluing_data(
     for i, r in enumerate(control):
         data[i, [0, 2, 4]], data[i, [1, 3, 6]] = r.end_gluing(reference)
     closing = _smooth_vertices(topology, data)
-    rigid = _constant_ratio(data)
+    smooth = np.zeros((len(control), 2), bool)
+    for spoke in (s for around in closing for s in around):
+        smooth[spoke.interface, int(spoke.at_end)] = True
+    constant = _one_ratio(data, smooth)
+    on_boundary = set(topology.boundary_points.tolist())
     for i, r in enumerate(control):
-        midway = linear or rigid[i]
-        data[i, 5] = (data[i, 4] + data[i, 6]) / 2 if midway else _best_middle(r, data[i], reference)
+        for end, place in ((0, 4), (1, 6)):
+            if abs(data[i, place]) < SMOOTH and int(r.curve[-end]) in on_boundary:
+                data[i, place], smooth[i, end] = 0.0, True
+    near = np.zeros(len(control), bool)
+    near[[s.interface for around in closing for s in around]] = True
+    free = _free_middles(closing, near & ~constant)
+    # Between smooth ends c is zero unless the twists of one of them need it.
+    zero = smooth.all(axis=1) & ~free
+    spread = np.abs(data[:, 0] * data[:, 3] - data[:, 1] * data[:, 2])
+    midway = zero | (spread < NEARLY_CONSTANT) | linear
+    for i, r in enumerate(control):
+        data[i, 5] = (data[i, 4] + data[i, 6]) / 2 if midway[i] else _best_middle(r, data[i], reference)
     if closing:
-        _close_twists(control, closing, data, reference, rigid)
-    return data
+        free = _close_twists(control, closing, data, reference, free, near)
+    degree = np.where(free | ~midway, 2, np.where(zero, -1, 1))
+    return GluingData(data, constant, degree)
 
 
 def _smooth_vertices(topology: Topology, data: FloatArray) -> list[tuple[Spoke, ...]]:
@@ -108,22 +157,39 @@ def _smooth_vertices(topology: Topology, data: FloatArray) -> list[tuple[Spoke, 
     return found
 
 
-def _constant_ratio(data: FloatArray) -> NDArray[np.bool_]:
-    """Interfaces with one a : b from end to end (of one chord, between smooth vertices): c must be linear there.
+def _one_ratio(data: FloatArray, smooth: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Interfaces with one a : b from end to end, for both ends are smooth vertices of one chord; made so exactly.
 
-    Analysis-suitable data have c = a_L b_R - a_R b_L with linear factors, which has a quadratic part only where a : b
-    varies. With constant a : b and quadratic c the derivative of a C1 field along the interface would have to be of
-    one degree less and smoother by one: the fields lock, though the map itself is exact.
+    c must be linear there. Analysis-suitable data have c = a_L b_R - a_R b_L with linear factors, which has a quadratic
+    part only where a : b varies. With constant a : b and quadratic c the derivative of a C1 field along the interface
+    would have to be of one degree less and smoother by one: the fields lock, though the map itself is exact.
     """
-    a, b = data[:, :2], data[:, 2:4]
-    return np.asarray(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) < CONSTANT)
+    constant = smooth.all(axis=1) & (np.abs(data[:, 0] - data[:, 1]) < SMOOTH)
+    data[constant, :2] = data[constant, :2].mean(axis=1, keepdims=True)
+    data[constant, 2:4] = 2 - data[constant, :2]
+    return np.asarray(constant)
+
+
+def _free_middles(closing: list[tuple[Spoke, ...]], free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Interfaces whose c_1 may change to close the twists: of constant a : b only where it has to.
+
+    a : b that varies on one chord of a vertex asks for a c on the other one.
+    """
+    free = free.copy()
+    varying = free.copy()
+    for around in closing:
+        pairs = [[s.interface for s in around[k::2]] for k in (0, 1)]
+        for one, other in (pairs, pairs[::-1]):
+            if varying[other].any() and not varying[one].any():
+                free[one] = True
+    return free
 
 
 def _best_middle(r: ControlRows, data: FloatArray, reference: FloatArray) -> float:
     """The c_1 with which the identity holds best on the reference (least squares)."""
     t = _nodes(r)
     value, slope = r.basis(t)
-    misfit = r.functional(_evaluated(np.array([*data[:5], 0.0, data[6]]), t), value, slope) @ reference[r.columns]
+    misfit = r.functional(evaluated(np.array([*data[:5], 0.0, data[6]]), t), value, slope) @ reference[r.columns]
     part = 2 * (t * (1 - t))[:, None] * (slope @ reference[r.curve])
     return float((misfit * part).sum() / (part**2).sum())
 
@@ -133,9 +199,12 @@ def _close_twists(
     closing: list[tuple[Spoke, ...]],
     data: FloatArray,
     reference: FloatArray,
-    rigid: NDArray[np.bool_],
-) -> None:
-    """Change the c_1 by the least, all together, so that the twist rows of every smooth regular vertex depend.
+    free: NDArray[np.bool_],
+    near: NDArray[np.bool_],
+) -> NDArray[np.bool_]:
+    """Change the c_1 that are `free` by the least, all together, so that the twist rows of every smooth vertex depend.
+
+    Returns those that were free; all that end at these vertices (`near`) where that takes more.
 
     The first-order rows of the four interfaces read T w + q = 0 with the four twists w and a singular T. With y T = 0
     they are solvable, and add nothing, if y q = 0, which is linear in the c_1.
@@ -162,19 +231,12 @@ def _close_twists(
     # Where c_1 matters most for the residual, relative to the speeds, it changes least.
     weight = np.array([_weight(r, reference) for r in control])
     tolerance = 1e-9 * max(float(np.abs(rhs).max()), float(np.abs(matrix).max()))
-    free = ~rigid
-    while True:
-        moved = np.linalg.lstsq(matrix * (free / weight), rhs, rcond=1e-12)[0] * (free / weight)
-        left = np.abs(matrix @ moved - rhs).reshape(-1, 2).max(axis=1) > tolerance
-        if not left.any():
-            break
-        # Where a : b varies on one chord of a vertex only, it takes a quadratic c on the other to close the twists.
-        needed = {s.interface for around, open_ in zip(closing, left, strict=True) if open_ for s in around}
-        released = [i for i in needed if not free[i]]
-        if not released:
-            raise InputError("exact G1: the twist rows cannot be closed at the regular vertices; use continuity c1")
-        free[released] = True
-    data[:, 5] += moved
+    for chosen in (free, near):
+        moved = np.linalg.lstsq(matrix * (chosen / weight), rhs, rcond=1e-12)[0] * (chosen / weight)
+        if np.abs(matrix @ moved - rhs).max() <= tolerance:
+            data[:, 5] += moved
+            return chosen
+    raise InputError("exact G1: the twist rows cannot be closed at the regular vertices; use continuity c1")
 
 
 def _weight(r: ControlRows, reference: FloatArray) -> float:
@@ -194,18 +256,8 @@ def _first_order(r: ControlRows, data: FloatArray, at_end: bool) -> FloatArray:
     """Coefficients (3 n,) of `columns` in the derivative of a D_L + b D_R - c C' at an end."""
     value, slope, bend = (x[None] for x in r.end_basis[at_end])
     t = np.array([float(at_end)])
-    first = r.functional(_evaluated(data, t, 1), value, slope) + r.functional(_evaluated(data, t), slope, bend)
+    first = r.functional(evaluated(data, t, 1), value, slope) + r.functional(evaluated(data, t), slope, bend)
     return np.asarray(first[0])
-
-
-def _evaluated(data: FloatArray, t: FloatArray, order: int = 0) -> FloatArray:
-    """a, b and c (m, 3) at the parameters t, or their derivatives."""
-    if order == 0:
-        linear, quadratic = np.stack([1 - t, t]), np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2])
-    else:
-        one = np.ones_like(t)
-        linear, quadratic = np.stack([-one, one]), np.stack([-2 * (1 - t), 2 - 4 * t, 2 * t])
-    return np.stack([data[:2] @ linear, data[2:4] @ linear, data[4:] @ quadratic], axis=1)
 
 
 def _nodes(r: ControlRows) -> FloatArray:
@@ -246,13 +298,13 @@ def g1_rows(
     for index, r in enumerate(control):
         if index in without:
             continue
-        t = _nodes(r)
         names, place = np.unique(r.columns, return_inverse=True)
-        raw = np.zeros((len(t), len(names)))
+        stated = data.conditions(index, r)
+        raw = np.zeros((len(stated), len(names)))
         # Three points of a patch that meets itself may be one.
-        np.add.at(raw.T, place, r.functional(_evaluated(data[index], t), *r.basis(t)).T)
+        np.add.at(raw.T, place, stated.T)
         _, sigma, vt = np.linalg.svd(raw, full_matrices=False)
-        rank = int((sigma > INDEPENDENT * sigma[0]).sum())
+        rank = int((sigma > DEPENDENT * sigma[0]).sum())
         columns += [names] * rank
         entries += list(vt[:rank])
         interface += [index] * rank

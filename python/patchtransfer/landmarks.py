@@ -13,7 +13,7 @@ from .splines import FloatArray, frozen_array
 
 __all__ = ["landmark_anchors", "pair_by_landmarks", "place_landmarks", "read_landmark_rows"]
 
-#: Landmarks farther from the boundary than this fraction of the diameter are refused.
+#: Landmarks, and handles of a deformation, farther from the boundary than this fraction of the diameter are refused.
 SNAP_DISTANCE = 0.01
 #: Landmarks closer than this fraction of the loop are the same point.
 SAME_POINT = 1e-9

@@ -12,13 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import factorial
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from ..errors import InputError
+from ..g1_conditions import discontinuities
 from ..multipatch import Interface, MultiPatch, Side
-from ..splines import FloatArray, knot_spans
+from ..splines import FloatArray, greville, knot_spans
 from .nodes import gauss
 from .space import SplineSpace, Univariate
 
@@ -26,6 +28,8 @@ __all__ = ["Gluing", "c1_rows", "gluing_of"]
 
 #: Residual up to which an interface counts as analysis-suitable.
 ANALYSIS_SUITABLE = 1e-9
+#: Conditions with a factor below this are void. Gluing data are no more exact than what counts as suitable.
+VOID = 10 * ANALYSIS_SUITABLE
 
 
 @dataclass(frozen=True)
@@ -49,10 +53,22 @@ class _Row:
         scale = -(stop - start) if self.reverse else stop - start
         return self.along.table(np.clip(t, start, stop), order) * scale**order
 
+    def greville(self) -> FloatArray:
+        """Greville abscissae in [0, 1], in the side's own sense."""
+        return np.clip(self._mapped(greville(self.along.knots, self.along.degree)), 0.0, 1.0)
+
+    def jumps(self) -> tuple[FloatArray, FloatArray]:
+        """Inner breaks, in the side's own sense, and the jumps there of the first derivative that is not continuous."""
+        knots, jumps = discontinuities(self.along.knots, self.along.degree)
+        return self._mapped(knots), jumps
+
+    def _mapped(self, t: FloatArray) -> FloatArray:
+        knots = self.along.knots
+        return np.asarray((t - knots[0]) / (knots[-1] - knots[0]))
+
     def breaks(self) -> FloatArray:
         """Breaks along the side in [0, 1]."""
-        knots = knot_spans(self.along.knots)
-        s = (knots - knots[0]) / (knots[-1] - knots[0])
+        s = self._mapped(knot_spans(self.along.knots))
         return np.asarray(1 - s[::-1] if self.reverse else s)
 
 
@@ -102,9 +118,9 @@ class _Geometry:
         return a.table(s) @ first, _aligned(b, s) @ second, a.table(s, 1) @ self.side
 
 
-def _aligned(row: _Row, s: FloatArray, order: int = 0) -> FloatArray:
+def _aligned(row: _Row, s: FloatArray) -> FloatArray:
     """Basis functions of a side with the functions, too, in the sense of the interface."""
-    table = row.table(s, order)
+    table = row.table(s)
     return table[:, ::-1] if row.reverse else table
 
 
@@ -183,9 +199,13 @@ def name_of(f: Interface) -> str:
 
 
 def c1_rows(space: SplineSpace, gluing: Gluing) -> csr_array:
-    """Rows whose null space are the fields that are C¹ across an interface, (m, space.size).
+    """Rows whose null space are the fields that are C¹ across an interface, (m, space.size), of unit size.
 
-    α D_a w + β D_b w − γ w' is a polynomial of degree p + 1 on every span: it vanishes if it does at p + 2 points.
+    g = α D_a w + β D_b w − γ w' is a spline of degree p + 1 and smoothness r - 1 where w is one of degree p and
+    smoothness r. It vanishes if it does so at the n Greville abscissae, with the jumps of its r-th derivative at the
+    inner knots, and with its polynomial pieces where α + β = 0. The jumps are -γ times those of w's derivative of order
+    r + 1, the pieces are there α (D_a w - D_b w) - γ w'. Each condition is divided by its factor, or left out where
+    that is void: singular values of the undivided ones tell nothing, for they are as small as the factors.
     """
     f = gluing.interface
     a = _Row.of(space.bases[f.patch_a], f.side_a, False)
@@ -194,12 +214,43 @@ def c1_rows(space: SplineSpace, gluing: Gluing) -> csr_array:
     side = f.side_a.of(numbers[0])
     first, second = f.side_a.of(numbers[0], 1), f.side_b.of(numbers[1], 1)
     second = second[::-1] if f.reversed else second
-    s, _ = gauss(a.breaks(), a.along.degree + 2)
+    s = a.greville()
     alpha, beta, gamma = gluing(s)[..., None]
-    into_a, into_b = alpha * a.step * a.table(s), beta * b.step * _aligned(b, s)
-    on_side = -into_a - into_b - gamma * a.table(s, 1)
-    blocks = ((first, into_a), (side, on_side), (second, into_b))
-    columns = np.concatenate([np.tile(numbers, len(s)) for numbers, _ in blocks])
-    rows = np.concatenate([np.repeat(np.arange(len(s)), len(numbers)) for numbers, _ in blocks])
-    entries = np.concatenate([table.ravel() for _, table in blocks])
-    return csr_array(coo_array((entries, (rows, columns)), shape=(len(s), space.size)))
+    values = a.table(s)
+    parts = [np.stack([alpha * a.step * values, beta * b.step * values, gamma * a.table(s, 1)])]
+    # Sizes of the terms: those of D_a w and D_b w, and the factor that makes γ w' one.
+    size = float(np.abs(np.concatenate([alpha * a.step, beta * b.step])).max())
+    along = a.along.degree / float(np.diff(a.breaks()).min())
+    knots, jumps = a.jumps()
+    there = np.abs(gluing(knots)[2]) * along > VOID * size
+    parts.append(np.stack([np.zeros_like(jumps)] * 2 + [jumps])[:, there])
+    slope, bend, across, tangent = _at_root(gluing, a)
+    if max(float(np.abs(slope).max()) * max(a.step, b.step), float(np.abs(bend).max()) * along) > VOID * size:
+        parts.append(np.stack([a.step * slope * across, -b.step * slope * across, bend * tangent]))
+    into_a, into_b, rest = np.concatenate(parts, axis=1)
+    table = np.hstack([into_a, -into_a - into_b - rest, into_b])
+    table = table / np.linalg.norm(table, axis=1, keepdims=True)
+    columns = np.tile(np.concatenate([first, side, second]), len(table))
+    rows = np.repeat(np.arange(len(table)), table.shape[1])
+    return csr_array(coo_array((table.ravel(), (rows, columns)), shape=(len(table), space.size)))
+
+
+def _at_root(gluing: Gluing, a: _Row) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Factors of D_a w - D_b w and of w', and their pieces on all spans, continued to the root of α + β.
+
+    In terms of v = 1 / (root - middle of the span), by whose powers all is multiplied: v = 0 are the coefficients of
+    the highest powers, for constant α + β.
+    """
+    breaks, p = a.breaks(), a.along.degree
+    middle = (breaks[:-1] + breaks[1:]) / 2
+    x = gluing.coefficients
+    total = x[:2] + x[2:4]
+    v = (total[0] - total[1]) / (total[0] + (total[1] - total[0]) * middle)
+    alpha, _, gamma = gluing(middle)
+    slope = alpha * v + x[1] - x[0]
+    rate = 2 * ((1 - middle) * (x[5] - x[4]) + middle * (x[6] - x[5]))
+    bend = gamma * v**2 + rate * v + x[4] - 2 * x[5] + x[6]
+    tables = [a.table(middle, k) for k in range(p + 1)]
+    across = sum(tables[k] * (v ** (p - k) / factorial(k))[:, None] for k in range(p + 1))
+    tangent = sum(tables[k] * (v ** (p - k) / factorial(k - 1))[:, None] for k in range(1, p + 1))
+    return slope[:, None], bend[:, None], np.asarray(across), np.asarray(tangent)
