@@ -42,7 +42,7 @@ FREE_STEPS, STEPS = 3, 20
 LEVEL_ABOVE = 0.4
 #: Rounds of levelling at most, and how many without improvement end them.
 LEVELLING, PATIENCE = 40, 10
-#: What counts as an improvement: before levelling relative to the largest error of all, during it to the chain's own.
+#: What counts as an improvement of the error, before levelling and during it.
 IMPROVEMENT = (0.1, 0.01)
 #: Backing up costs this many times what an error of the same length costs.
 BACKING_UP = 100.0
@@ -283,48 +283,59 @@ def _chains(n: int, pairs: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
     return np.unique(chain, return_inverse=True)[1]
 
 
+def _score(chain: NDArray[np.int64], error: FloatArray, backwards: FloatArray) -> FloatArray:
+    """What counts of every chain: the largest error, then the others.
+
+    Loops are worse than any error: they rule out an injective map.
+    """
+    largest = np.zeros((2, int(chain.max()) + 1))
+    np.maximum.at(largest[0], chain, error)
+    np.maximum.at(largest[1], chain, backwards)
+    mean: FloatArray = np.bincount(chain, error) / np.bincount(chain)
+    return largest[0] + 0.1 * mean + BACKING_UP * largest[1]
+
+
 def _iterate(
     fit: _core.BoundaryFit, counts: Sequence[int], pairs: Sequence[tuple[int, int]], tolerance: float, max_stray: float
 ) -> tuple[FloatArray, FloatArray]:
     """Gauss–Newton steps on control points, feet and tangents together, then levelling of the largest errors.
 
-    Returns the control points of all sides and their errors, every chain of sides at its own best step.
+    Returns the control points of all sides and their errors: those of the best step, or with levelling of every
+    chain's own best step (tangents are shared in a chain).
     """
     points, error = fit.control_points(), fit.errors(True)
-    chain = _chains(len(error), pairs)
-    sizes = np.bincount(chain)
-    best, best_step = np.full(len(sizes), np.inf), np.full(len(sizes), FREE_STEPS)
-    found, worst, levelling = error, np.zeros(len(sizes)), False
+    found, back = error, np.full(len(error), np.inf)
+    chain = np.zeros(len(error), dtype=np.int64)
+    best, best_step = np.array([np.inf]), np.array([0])
+    levelling = False
     for step in range(STEPS + LEVELLING):
         fit.linearise(levelling)
         if step == FREE_STEPS:
             fit.align()
         elif step > FREE_STEPS:
             # Sides with large errors have more of a say.
-            fit.turn((0.1 + error / np.maximum(worst[chain], 1e-300)) ** 2, MAX_TURN)
+            fit.turn((0.1 + error / max(float(error.max()), 1e-300)) ** 2, MAX_TURN)
         fit.solve()
         if step < FREE_STEPS:
             continue
         fit.hold_ends(float(np.cos(max_stray)))
-        error = fit.errors(False)
-        worst = np.zeros(len(sizes))
-        np.maximum.at(worst, chain, error)
-        done = worst <= LEVEL_ABOVE * tolerance
-        # Tangents are shared, so the best is one of a whole chain: the largest error, then the others. Loops are worse
-        # than any error: they rule out an injective map.
-        score = worst + 0.1 * np.bincount(chain, error) / sizes + BACKING_UP * np.bincount(chain, fit.backwards())
-        better = score < best
-        if better.any():
-            if step > FREE_STEPS:
-                best_step[best - score > IMPROVEMENT[levelling] * (best if levelling else best.max())] = step
-            best = np.where(better, score, best)
-            taken = better[chain]
+        error, backwards = fit.errors(False), fit.backwards()
+        score = _score(chain, error, backwards)
+        best_step[score < (1 - IMPROVEMENT[levelling]) * best] = step
+        if (score < best).any():
+            taken = (score < best)[chain]
             points = np.where(np.repeat(taken, counts)[:, None], fit.control_points(), points)
-            found = np.where(taken, error, found)
+            found, back = np.where(taken, error, found), np.where(taken, backwards, back)
+            best = np.minimum(score, best)
+        worst = float(error.max())
+        if levelling:
+            if ((best <= LEVEL_ABOVE * tolerance) | (step - best_step > PATIENCE)).all():
+                break
         # A tolerance that is missed is worth all steps: slow sides still come closer where the largest error is stuck.
-        met = bool(worst.max() <= tolerance)
-        settled = levelling or step >= STEPS or (met and step - int(best_step.max()) >= 2)
-        if settled and (done | (levelling & (step - best_step > PATIENCE))).all():
-            break
-        levelling = settled
+        elif step >= STEPS or (worst <= tolerance and step - best_step[0] >= 2):
+            if worst <= LEVEL_ABOVE * tolerance:
+                break
+            levelling, chain = True, _chains(len(error), pairs)
+            best = _score(chain, found, back)
+            best_step = np.full(len(best), step)
     return points, found
