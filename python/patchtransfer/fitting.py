@@ -291,8 +291,8 @@ def _score(chain: NDArray[np.int64], error: FloatArray, backwards: FloatArray) -
     largest = np.zeros((2, int(chain.max()) + 1))
     np.maximum.at(largest[0], chain, error)
     np.maximum.at(largest[1], chain, backwards)
-    mean: FloatArray = np.bincount(chain, error) / np.bincount(chain)
-    return largest[0] + 0.1 * mean + BACKING_UP * largest[1]
+    mean = np.bincount(chain, error) / np.bincount(chain)
+    return np.asarray(largest[0] + 0.1 * mean + BACKING_UP * largest[1])
 
 
 def _iterate(
