@@ -6,9 +6,6 @@
 
 use crate::outline::{Outline, Scratch};
 
-/// A leg on a line gets no shorter than this part of its given length.
-const SHORTEST_LEG: f64 = 0.2;
-
 /// Values of all basis functions (columns) at the samples (rows).
 #[derive(Clone, Debug)]
 pub struct Basis {
@@ -62,6 +59,8 @@ pub struct Side {
     hold: f64,
     /// Weight of the residual along the tangent; the sliding makes it vanish at the end.
     damping: f64,
+    /// A leg on a line gets no shorter than this part of its given length.
+    shortest_leg: f64,
     /// Of the inner samples.
     weights: Vec<f64>,
     /// Direction of the line of each leg, if it has one.
@@ -79,7 +78,7 @@ pub type Turning = ([[f64; 2]; 2], [f64; 2]);
 
 impl Side {
     /// `slide_error`: sliding by the whole side costs as much as this error, squared.
-    pub fn new(data: SideData, basis: &Basis, slide_error: f64, damping: f64) -> Self {
+    pub fn new(data: SideData, basis: &Basis, slide_error: f64, damping: f64, shortest_leg: f64) -> Self {
         let k = data.lengths.len();
         let span = data.lengths[k - 1] - data.lengths[0];
         let mut control = vec![data.ends[0]; basis.n];
@@ -88,6 +87,7 @@ impl Side {
             lengths: data.lengths.clone(),
             hold: (slide_error / span).powi(2),
             damping,
+            shortest_leg,
             weights: vec![1.0; k - 2],
             lines: [None; 2],
             target: vec![],
@@ -280,7 +280,7 @@ impl Side {
         let mut short = false;
         for (end, forward) in [(0, 1.0), (1, -1.0)] {
             let (at, base) = (self.leg_at(end), self.end_coordinates(end)[0]);
-            let shortest = SHORTEST_LEG * self.data.legs[end];
+            let shortest = self.shortest_leg * self.data.legs[end];
             if self.lines[end].is_some() && forward * (x[at] - base) < shortest {
                 fixed[at] = Some(base + forward * shortest);
                 short = true;
@@ -308,16 +308,27 @@ impl Side {
         [leg(self.control[0], self.control[1]), leg(self.control[n - 2], self.control[n - 1])]
     }
 
-    /// Put free legs that stray from the outline's tangent by more than the angle with this cosine on the tangent.
+    /// Put free legs that stray from the outline's tangent by more than the angle with this cosine on the tangent, and
+    /// solve again.
     pub fn hold_ends(&mut self, cosine: f64) {
         if self.inner() < 2 {
             return;
         }
-        for (end, leg) in self.legs().into_iter().enumerate() {
-            let t = self.data.tangents[end];
-            if self.lines[end].is_none() && leg[0] * t[0] + leg[1] * t[1] < cosine * leg[0].hypot(leg[1]) {
-                self.lines[end] = Some(t);
+        // Legs move each other: once one is held, the other may stray.
+        for _ in 0..2 {
+            let mut stray = false;
+            for (end, leg) in self.legs().into_iter().enumerate() {
+                let t = self.data.tangents[end];
+                if self.lines[end].is_none() && leg[0] * t[0] + leg[1] * t[1] < cosine * leg[0].hypot(leg[1])
+                {
+                    self.lines[end] = Some(t);
+                    stray = true;
+                }
             }
+            if !stray {
+                return;
+            }
+            self.solve();
         }
     }
 
