@@ -6,6 +6,10 @@
 
 use crate::outline::{Outline, Scratch};
 
+/// A side that goes on more slowly than this part of the given speed counts as backing up by what is lacking: where it
+/// nearly stops it is next to a cusp, and patches behind get thin.
+const SLOWEST: f64 = 0.05;
+
 /// Values of all basis functions (columns) at the samples (rows).
 #[derive(Clone, Debug)]
 pub struct Basis {
@@ -200,14 +204,15 @@ impl Side {
         })
     }
 
-    /// Way, summed over samples, that the curve backs up against the target.
+    /// Way, summed over samples, that the curve backs up against the target or lacks where it all but stops.
     pub fn backwards(&self, basis: &Basis) -> f64 {
         let mut last = self.point(basis, 0);
         (1..self.target.len()).fold(0.0, |sum, k| {
             let (p, a, b) = (self.point(basis, k), self.target[k - 1], self.target[k]);
             let step = (p[0] - last[0]) * (a[2] + b[2]) + (p[1] - last[1]) * (a[3] + b[3]);
             last = p;
-            sum + (-0.5 * step).max(0.0)
+            let due = SLOWEST * (self.data.lengths[k] - self.data.lengths[k - 1]);
+            sum + (due - 0.5 * step).max(0.0)
         })
     }
 
