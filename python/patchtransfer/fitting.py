@@ -39,6 +39,8 @@ SMOOTH = np.radians(2.0)
 SLIDE, SLIDE_ERROR = 0.1, 0.1
 #: Steps before tangents are joined, and steps at most before levelling.
 FREE_STEPS, STEPS = 3, 20
+#: Sides whose errors all change by less than this part of the tolerance in a step have settled.
+STILL = 0.01
 #: Part of the tolerance above which errors are levelled.
 LEVEL_ABOVE = 0.4
 #: Rounds of levelling at most, and how many without improvement end them.
@@ -61,7 +63,7 @@ class Stiffness(NamedTuple):
     shortest_leg : float
         Part of its length by proportion that a leg at a smooth joint keeps.
     max_stray : float
-        At a corner a leg may stray from the target's tangent by this angle (radians) before it is put on it.
+        At a corner a leg may stray from the target's tangent by this angle (radians); beyond, it is put at half of it.
     """
 
     damping: float
@@ -306,6 +308,8 @@ def _score(chain: NDArray[np.int64], error: FloatArray, backwards: FloatArray) -
 
     Loops are worse than any error: they rule out an injective map.
     """
+    if not chain.any():
+        return np.array([error.max() + 0.1 * error.mean() + BACKING_UP * backwards.max()])
     largest = np.zeros((2, int(chain.max()) + 1))
     np.maximum.at(largest[0], chain, error)
     np.maximum.at(largest[1], chain, backwards)
@@ -337,11 +341,14 @@ def _iterate(
         if step < FREE_STEPS:
             continue
         fit.hold_ends(float(np.cos(max_stray)))
-        error, backwards = fit.errors(False), fit.backwards()
+        last, error, backwards = error, fit.errors(False), fit.backwards()
         score = _score(chain, error, backwards)
         best_step[score < (1 - IMPROVEMENT[levelling]) * best] = step
-        if (score < best).any():
-            taken = (score < best)[chain]
+        better = score < best
+        if better.all():
+            points, found, back, best = fit.control_points(), error, backwards, score
+        elif better.any():
+            taken = better[chain]
             points = np.where(np.repeat(taken, counts)[:, None], fit.control_points(), points)
             found, back = np.where(taken, error, found), np.where(taken, backwards, back)
             best = np.minimum(score, best)
@@ -349,8 +356,10 @@ def _iterate(
         if levelling:
             if ((best <= LEVEL_ABOVE * tolerance) | (step - best_step > PATIENCE)).all():
                 break
-        # A tolerance that is missed is worth all steps: slow sides still come closer where the largest error is stuck.
-        elif step >= STEPS or (worst <= tolerance and step - best_step[0] >= 2):
+        # A tolerance that is missed is worth all steps while any side still comes closer, not only the worst.
+        elif step >= STEPS or (
+            step - best_step[0] >= 2 and (worst <= tolerance or float(np.abs(error - last).max()) <= STILL * tolerance)
+        ):
             if worst <= LEVEL_ABOVE * tolerance:
                 break
             levelling, chain = True, _chains(len(error), pairs)

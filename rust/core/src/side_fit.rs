@@ -53,6 +53,15 @@ pub struct SideData {
     pub legs: [f64; 2],
 }
 
+/// Unit vector at half the angle with this cosine from unit vector `t`, on the side of `leg`.
+fn between(leg: [f64; 2], t: [f64; 2], cosine: f64) -> [f64; 2] {
+    let angle = (0.5 * cosine.acos()).copysign(t[0] * leg[1] - t[1] * leg[0]);
+    let (sin, cos) = angle.sin_cos();
+    let line = [cos * t[0] - sin * t[1], cos * t[1] + sin * t[0]];
+    let size = line[0].hypot(line[1]);
+    line.map(|x| x / size)
+}
+
 /// A side and the state of its fit.
 #[derive(Clone, Debug)]
 pub struct Side {
@@ -313,8 +322,8 @@ impl Side {
         [leg(self.control[0], self.control[1]), leg(self.control[n - 2], self.control[n - 1])]
     }
 
-    /// Put free legs that stray from the outline's tangent by more than the angle with this cosine on the tangent, and
-    /// solve again.
+    /// Put free legs that stray from the outline's tangent by more than the angle with this cosine on a line at half that
+    /// angle, and solve again.
     pub fn hold_ends(&mut self, cosine: f64) {
         if self.inner() < 2 {
             return;
@@ -326,7 +335,7 @@ impl Side {
                 let t = self.data.tangents[end];
                 if self.lines[end].is_none() && leg[0] * t[0] + leg[1] * t[1] < cosine * leg[0].hypot(leg[1])
                 {
-                    self.lines[end] = Some(t);
+                    self.lines[end] = Some(between(leg, t, cosine));
                     stray = true;
                 }
             }
