@@ -63,7 +63,7 @@ class Stiffness(NamedTuple):
     shortest_leg : float
         Part of its length by proportion that a leg at a smooth joint keeps.
     max_stray : float
-        At a corner a leg may stray from the target's tangent by this angle (radians); beyond, it is put at half of it.
+        At a corner a leg may stray from the target's tangent by this angle (radians); beyond, it is turned back.
     """
 
     damping: float
@@ -291,30 +291,38 @@ def _smooth_joints(smooth: Sequence[NDArray[np.bool_]], loops: Sequence[LoopRegi
     return pairs
 
 
-def _chains(n: int, pairs: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
-    """Chain of every side: sides linked by smooth joints depend on one another, others do not."""
-    first = np.ones(n, dtype=bool)
-    first[[after for before, after in pairs if before < after]] = False
-    chain = np.cumsum(first) - 1
-    for before, after in pairs:
-        if before >= after:
-            # The loop closes smoothly: its first chain goes on from its last.
-            chain[chain == chain[after]] = chain[before]
-    return np.unique(chain, return_inverse=True)[1]
+class _Chains(NamedTuple):
+    """Sides linked by smooth joints: they depend on one another, others do not."""
 
+    of: NDArray[np.int64]
+    order: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    sizes: NDArray[np.int64]
 
-def _score(chain: NDArray[np.int64], error: FloatArray, backwards: FloatArray) -> FloatArray:
-    """What counts of every chain: the largest error, then the others.
+    @classmethod
+    def of_sides(cls, n: int, pairs: Sequence[tuple[int, int]]) -> _Chains:
+        first = np.ones(n, dtype=bool)
+        first[[after for before, after in pairs if before < after]] = False
+        chain = np.cumsum(first) - 1
+        for before, after in pairs:
+            if before >= after:
+                # The loop closes smoothly: its first chain goes on from its last.
+                chain[chain == chain[after]] = chain[before]
+        return cls.numbered(np.unique(chain, return_inverse=True)[1])
 
-    Loops are worse than any error: they rule out an injective map.
-    """
-    if not chain.any():
-        return np.array([error.max() + 0.1 * error.mean() + BACKING_UP * backwards.max()])
-    largest = np.zeros((2, int(chain.max()) + 1))
-    np.maximum.at(largest[0], chain, error)
-    np.maximum.at(largest[1], chain, backwards)
-    mean = np.bincount(chain, error) / np.bincount(chain)
-    return np.asarray(largest[0] + 0.1 * mean + BACKING_UP * largest[1])
+    @classmethod
+    def numbered(cls, chain: NDArray[np.int64]) -> _Chains:
+        sizes = np.bincount(chain)
+        return cls(chain, np.argsort(chain, kind="stable"), np.cumsum(sizes) - sizes, sizes)
+
+    def score(self, error: FloatArray, backwards: FloatArray) -> FloatArray:
+        """What counts of every chain: the largest error, then the others.
+
+        Loops are worse than any error: they rule out an injective map.
+        """
+        error, starts = error[self.order], self.starts
+        largest = np.maximum.reduceat(error, starts) + 0.1 * np.add.reduceat(error, starts) / self.sizes
+        return np.asarray(largest + BACKING_UP * np.maximum.reduceat(backwards[self.order], starts))
 
 
 def _iterate(
@@ -327,7 +335,7 @@ def _iterate(
     """
     points, error = fit.control_points(), fit.errors(True)
     found, back = error, np.full(len(error), np.inf)
-    chain = np.zeros(len(error), dtype=np.int64)
+    chains = _Chains.numbered(np.zeros(len(error), dtype=np.int64))
     best, best_step = np.array([np.inf]), np.array([0])
     levelling = False
     for step in range(STEPS + LEVELLING):
@@ -340,15 +348,15 @@ def _iterate(
         fit.solve()
         if step < FREE_STEPS:
             continue
-        fit.hold_ends(float(np.cos(max_stray)))
+        fit.hold_ends(max_stray)
         last, error, backwards = error, fit.errors(False), fit.backwards()
-        score = _score(chain, error, backwards)
+        score = chains.score(error, backwards)
         best_step[score < (1 - IMPROVEMENT[levelling]) * best] = step
         better = score < best
         if better.all():
             points, found, back, best = fit.control_points(), error, backwards, score
         elif better.any():
-            taken = better[chain]
+            taken = better[chains.of]
             points = np.where(np.repeat(taken, counts)[:, None], fit.control_points(), points)
             found, back = np.where(taken, error, found), np.where(taken, backwards, back)
             best = np.minimum(score, best)
@@ -362,7 +370,7 @@ def _iterate(
         ):
             if worst <= LEVEL_ABOVE * tolerance:
                 break
-            levelling, chain = True, _chains(len(error), pairs)
-            best = _score(chain, found, back)
+            levelling, chains = True, _Chains.of_sides(len(error), pairs)
+            best = chains.score(found, back)
             best_step = np.full(len(best), step)
     return points, found

@@ -75,8 +75,8 @@ impl<'a> BoundaryFit<'a> {
     }
 
     /// See the method of a side.
-    pub fn hold_ends(&mut self, cosine: f64) {
-        self.each(|side, _, _| side.hold_ends(cosine));
+    pub fn hold_ends(&mut self, most: f64) {
+        self.each(|side, _, _| side.hold_ends(most));
     }
 
     /// See the method of a side.

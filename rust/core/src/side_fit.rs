@@ -10,6 +10,10 @@ use crate::outline::{Outline, Scratch};
 /// nearly stops it is next to a cusp, and patches behind get thin.
 const SLOWEST: f64 = 0.05;
 
+/// A leg that strays from the outline's tangent too far is put on a line nearer by this angle (25 degrees) than the
+/// limit: at the limit itself corners of patches get thin, and the tangent is too far off where the limit is wide.
+const TURNED_BACK: f64 = 0.436_332_312_998_582_4;
+
 /// Values of all basis functions (columns) at the samples (rows).
 #[derive(Clone, Debug)]
 pub struct Basis {
@@ -53,9 +57,9 @@ pub struct SideData {
     pub legs: [f64; 2],
 }
 
-/// Unit vector at half the angle with this cosine from unit vector `t`, on the side of `leg`.
-fn between(leg: [f64; 2], t: [f64; 2], cosine: f64) -> [f64; 2] {
-    let angle = (0.5 * cosine.acos()).copysign(t[0] * leg[1] - t[1] * leg[0]);
+/// Unit vector at this angle from unit vector `t`, on the side of `leg`.
+fn towards(leg: [f64; 2], t: [f64; 2], angle: f64) -> [f64; 2] {
+    let angle = angle.copysign(t[0] * leg[1] - t[1] * leg[0]);
     let (sin, cos) = angle.sin_cos();
     let line = [cos * t[0] - sin * t[1], cos * t[1] + sin * t[0]];
     let size = line[0].hypot(line[1]);
@@ -322,9 +326,10 @@ impl Side {
         [leg(self.control[0], self.control[1]), leg(self.control[n - 2], self.control[n - 1])]
     }
 
-    /// Put free legs that stray from the outline's tangent by more than the angle with this cosine on a line at half that
-    /// angle, and solve again.
-    pub fn hold_ends(&mut self, cosine: f64) {
+    /// Put free legs that stray from the outline's tangent by more than this angle on a line well within it, and solve
+    /// again.
+    pub fn hold_ends(&mut self, most: f64) {
+        let cosine = most.cos();
         if self.inner() < 2 {
             return;
         }
@@ -335,7 +340,7 @@ impl Side {
                 let t = self.data.tangents[end];
                 if self.lines[end].is_none() && leg[0] * t[0] + leg[1] * t[1] < cosine * leg[0].hypot(leg[1])
                 {
-                    self.lines[end] = Some(between(leg, t, cosine));
+                    self.lines[end] = Some(towards(leg, t, (most - TURNED_BACK).max(0.0)));
                     stray = true;
                 }
             }

@@ -111,8 +111,8 @@ impl BoundaryFit {
         self.with(py, |mut core| core.solve())
     }
 
-    fn hold_ends(&mut self, py: Python<'_>, cosine: f64) -> PyResult<()> {
-        self.with(py, |mut core| core.hold_ends(cosine))
+    fn hold_ends(&mut self, py: Python<'_>, most: f64) -> PyResult<()> {
+        self.with(py, |mut core| core.hold_ends(most))
     }
 
     fn align(&mut self, py: Python<'_>) -> PyResult<()> {
