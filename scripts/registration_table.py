@@ -14,7 +14,7 @@ import numpy as np
 from registration_cases import Case, cases, correspondence_error
 
 from patchtransfer import TransferError, TransferPlan
-from patchtransfer.fitting import DAMPING, fit_boundary
+from patchtransfer.fitting import STIFF, Stiffness, fit_boundary
 from patchtransfer.registration import Registration, register
 
 TEXT = """# Registration, measured
@@ -80,9 +80,9 @@ def measure(case: Case, plan: TransferPlan, rows: list[Row]) -> None:
 def transfer_with(case: Case, plan: TransferPlan, registration: Registration, choice: Choice, rows: list[Row]) -> None:
     """Transfer with a given registration and choice of parameters."""
 
-    def fit(registration: Registration, *, parameters: str = "speed", tolerance: float, damping: float = DAMPING):
+    def fit(registration: Registration, *, parameters: str = "speed", tolerance: float, stiffness: Stiffness = STIFF):
         del parameters
-        return fit_boundary(registration, parameters=choice[1], tolerance=tolerance, damping=damping)
+        return fit_boundary(registration, parameters=choice[1], tolerance=tolerance, stiffness=stiffness)
 
     with (
         patch("patchtransfer.transfer.fit_boundary", fit),

@@ -21,7 +21,7 @@ import patchtransfer as pt
 import targets
 from patchtransfer import examples
 from patchtransfer.cli import main
-from patchtransfer.fitting import FREE, fit_boundary
+from patchtransfer.fitting import FREE, STIFF, fit_boundary
 
 # The package exports the function under the module's name.
 from patchtransfer.refinement import refine_uniformly
@@ -190,19 +190,13 @@ def test_fit_does_not_loop():
     assert result.boundary_error < 0.02
 
 
-@pytest.mark.parametrize("name", ["o-grid p2", "disc"])
-def test_a_fit_that_misses_by_far_is_made_more_freely(name):
-    """Damped slides stopped on their way: 3e-3 and 1.7e-2 of the diameter off."""
-    if name == "disc":
-        if "PATCHTRANSFER_MODELS" not in os.environ:
-            pytest.skip("needs the real models")
-        mp = pt.read(Path(os.environ["PATCHTRANSFER_MODELS"]) / "disc.xml")
-        target, landmarks = targets.deformed(mp, targets.articulation(mp, 30), seed=4)
-    else:
-        mp = models.ALL[name]()
-        target, landmarks = targets.deformed(mp, targets.waves(mp, 0.2, 6), seed=6)
+@pytest.mark.skipif("PATCHTRANSFER_MODELS" not in os.environ, reason="needs the real models")
+def test_a_fit_that_misses_by_far_is_made_more_freely():
+    """Damped slides stopped on their way: 1.7e-2 of the diameter off."""
+    mp = pt.read(Path(os.environ["PATCHTRANSFER_MODELS"]) / "disc.xml")
+    target, landmarks = targets.deformed(mp, targets.articulation(mp, 30), seed=4)
     registration = register(mp.boundary().loops, target, landmarks)
-    closer = fit_boundary(registration, damping=FREE).error
+    closer = fit_boundary(registration, stiffness=FREE).error
     assert fit_boundary(registration).error > 3 * closer
     result = pt.transfer(mp, target, landmarks, "c0")
     assert result.certificate.injective
@@ -214,20 +208,78 @@ def test_free_slides_come_closer():
     mp = examples.load("frame")[0]
     target, landmarks = targets.deformed(mp, targets.articulation(mp, 30), seed=4)
     registration = register(mp.boundary().loops, target, landmarks)
-    closer, damped = fit_boundary(registration, damping=FREE).error, fit_boundary(registration).error
+    closer, damped = fit_boundary(registration, stiffness=FREE).error, fit_boundary(registration).error
     assert closer < 5e-4
     assert damped > 10 * closer
 
 
-@pytest.mark.parametrize(("name", "factor", "angle"), [("human", 4, 0), ("frame", 6, 15)])
+@pytest.mark.parametrize(("name", "factor", "angle"), [("rabbit", 5, 30), ("frame", 5, 15), ("frame", 6, 15)])
 def test_a_closer_fit_that_rules_out_a_map_is_not_taken(name, factor, angle):
     """Free slides turn a corner beyond 180 degrees, or let a side cross itself; frame misses by enough to try them."""
     mp = examples.load(name)[0]
     target, landmarks = targets.deformed(mp, targets.stretch(factor, angle))
     plan = pt.TransferPlan(mp, "c0")
     registration = register(mp.boundary().loops, target, landmarks)
-    free = fit_boundary(registration, damping=FREE)
+    free = fit_boundary(registration, stiffness=FREE)
     assert plan._check_fit(free)[2] is not None
     result = plan.transfer(target, landmarks)
     assert result.certificate.injective
     assert result.boundary_error != free.error
+
+
+@pytest.mark.skipif("PATCHTRANSFER_MODELS" not in os.environ, reason="needs the real models")
+def test_legs_of_the_free_fit_are_not_put_back_on_the_tangent():
+    """A leg that wants to stray by more than 60 degrees is held at 35: on the tangent the fit stopped at 6e-3."""
+    turtle = pt.read(Path(os.environ["PATCHTRANSFER_MODELS"]) / "turtle.xml")
+    target, landmarks = targets.deformed(turtle, targets.articulation(turtle, -25, at=0.55), seed=3)
+    result = pt.transfer(turtle, target, landmarks, "c0")
+    assert result.boundary_error < 3e-3
+    assert result.quality.scaled_jacobian.min > 0.3
+
+
+def test_the_default_fit_does_not_stop_on_its_way():
+    """It ended at 3e-3 of the diameter, three times what freer slides reach."""
+    mp = models.ALL["o-grid p2"]()
+    target, landmarks = targets.deformed(mp, targets.waves(mp, 0.2, 6), seed=6)
+    registration = register(mp.boundary().loops, target, landmarks)
+    assert fit_boundary(registration).error < 1.5 * fit_boundary(registration, stiffness=FREE).error
+
+
+def turned_turtle(degrees: float) -> pt.MultiPatch:
+    turtle = pt.read(Path(os.environ["PATCHTRANSFER_MODELS"]) / "turtle.xml")
+    turn = targets.similarity(degrees, 1.0)
+    points = [patch.control_points for patch in turtle.patches]
+    return turtle.with_control_points([turn(c.reshape(-1, 2)).reshape(c.shape) for c in points])
+
+
+@pytest.mark.skipif("PATCHTRANSFER_MODELS" not in os.environ, reason="needs the real models")
+def test_legs_at_corners_keep_to_the_tangent():
+    """The best step was one with a leg 109 degrees off the tangent at a reflex corner: scaled Jacobian 0.05."""
+    mp = turned_turtle(-50)
+    target, landmarks = targets.deformed(mp, targets.bend(mp, -60), seed=1)
+    result = pt.transfer(mp, target, landmarks, "c0")
+    for loop, sides in zip(result.registration.loops, result.fitted.loops, strict=True):
+        near = 1e-9 * loop.target.length
+        leaving, arriving = (
+            loop.target.tangent(loop.joints[:-1] + near),
+            loop.target.tangent(loop.joints[1:] - near, True),
+        )
+        for i, side in enumerate(sides):
+            legs = np.diff(side.curve.control_points, axis=0)[[0, -1]]
+            cosines = (legs * [leaving[i], arriving[i]]).sum(axis=1) / np.linalg.norm(legs, axis=1)
+            corner = [not side.smooth, not sides[(i + 1) % len(sides)].smooth]
+            assert (cosines[corner] >= np.cos(STIFF.max_stray) - 1e-12).all()
+    assert result.quality.scaled_jacobian.min > 0.3
+
+
+@pytest.mark.skipif("PATCHTRANSFER_MODELS" not in os.environ, reason="needs the real models")
+@pytest.mark.parametrize(("turn", "bend", "limit"), [(-50, -60, 5e-4), (55, 60, 7.5e-4)])
+def test_sides_of_one_span_come_as_close_as_their_knots_allow(turn, bend, limit):
+    """Sides beyond a corner decided which step was best, or that no step was worth it: 6.2e-4 and 1.06e-3.
+
+    Direct minimisation reaches 2.2e-4 and 6.7e-4 on the like targets; more than 5e-4 needs 1.5 times that at most.
+    """
+    mp = turned_turtle(turn)
+    target, landmarks = targets.deformed(mp, targets.bend(mp, bend), seed=1)
+    fitted = fit_boundary(register(mp.boundary().loops, target, landmarks))
+    assert fitted.loops[0][13].error < limit

@@ -28,7 +28,7 @@ from .packing import PackedCurves, pack_curves, unpack_curves
 from .registration import LoopRegistration, Registration
 from .splines import BSplineCurve, FloatArray, collocation_matrix, knot_spans
 
-__all__ = ["FREE", "FittedBoundary", "FittedSide", "fit_boundary"]
+__all__ = ["FREE", "STIFF", "FittedBoundary", "FittedSide", "Stiffness", "fit_boundary"]
 
 #: Samples per knot span and at least per side.
 SAMPLES_PER_SPAN, MIN_SAMPLES = 14, 24
@@ -37,11 +37,10 @@ SMOOTH = np.radians(2.0)
 #: Sliding by this part of the side costs as much as an error of this part of the tolerance: where the shape leaves the
 #: parameters free (straight or round sides) the source's speed is kept, and control points do not crowd.
 SLIDE, SLIDE_ERROR = 0.1, 0.1
-#: Damping of the slides, and what is left of it for sides that cannot do with it. With less errors fall further, but
-#: legs get short, and the map suffers (turtle nodding: smallest scaled Jacobian 0.04, not 0.24).
-DAMPING, FREE = 1e-2, 5e-4
 #: Steps before tangents are joined, and steps at most before levelling.
 FREE_STEPS, STEPS = 3, 20
+#: Sides whose errors all change by less than this part of the tolerance in a step have settled.
+STILL = 0.01
 #: Part of the tolerance above which errors are levelled.
 LEVEL_ABOVE = 0.4
 #: Rounds of levelling at most, and how many without improvement end them.
@@ -52,8 +51,29 @@ IMPROVEMENT = (0.1, 0.01)
 BACKING_UP = 100.0
 #: A tangent turns by at most this angle in one step.
 MAX_TURN = 0.1
-#: At a corner a leg may stray from the target's tangent by this angle before it is put on it.
-MAX_STRAY = np.radians(25.0)
+
+
+class Stiffness(NamedTuple):
+    """How near the source's shape, and the target's corners, sides stay.
+
+    Attributes
+    ----------
+    damping : float
+        Weight, beside that of the error, of how far samples slide in one step.
+    shortest_leg : float
+        Part of its length by proportion that a leg at a smooth joint keeps.
+    max_stray : float
+        At a corner a leg may stray from the target's tangent by this angle (radians); beyond, it is turned back.
+    """
+
+    damping: float
+    shortest_leg: float
+    max_stray: float
+
+
+#: The default, and what is left of it for targets that sides cannot follow so. With less errors fall further, but legs
+#: get short and turn at corners, and the map suffers (turtle nodding: smallest scaled Jacobian 0.05, not 0.26).
+STIFF, FREE = Stiffness(1e-2, 0.3, np.radians(25.0)), Stiffness(5e-4, 0.2, np.radians(60.0))
 
 
 @dataclass(frozen=True)
@@ -109,7 +129,7 @@ def _unpacked(
 
 
 def fit_boundary(
-    registration: Registration, *, parameters: str = "speed", tolerance: float = 1e-3, damping: float = DAMPING
+    registration: Registration, *, parameters: str = "speed", tolerance: float = 1e-3, stiffness: Stiffness = STIFF
 ) -> FittedBoundary:
     """Fit every source boundary side to its part of the target.
 
@@ -122,9 +142,9 @@ def fit_boundary(
         fixed as in the paper (no tangents kept there).
     tolerance : float, default 1e-3
         Error relative to the target's diameter that a side should reach; larger ones are reported.
-    damping : float, default 0.01
-        Weight, beside that of the error, of how far samples slide in one step. With the default sides stay near the
-        source's shape; with less (`FREE`) they come closer to the target, at the cost of shorter legs.
+    stiffness : Stiffness, default STIFF
+        With the default sides stay near the source's shape; with less (`FREE`) they come closer to the target, at the
+        cost of shorter legs.
 
     Returns
     -------
@@ -138,18 +158,19 @@ def fit_boundary(
     joints = [loop.joints for loop in registration.loops]
     smooth = [abs(loop.target.turn(x[:-1])) < SMOOTH for loop, x in zip(registration.loops, joints, strict=True)]
     sides = [_sides(bases, loop, x, uniform) for loop, x in zip(registration.loops, joints, strict=True)]
+    pairs = _smooth_joints(smooth, registration.loops)
+    counts = [len(curve.control_points) for loop in registration.loops for curve in loop.source.curves]
     fit = _core.BoundaryFit(
         [loop.target.core for loop in registration.loops],
         bases.values,
         sides,
-        _smooth_joints(smooth, registration.loops),
-        SLIDE_ERROR * tolerance * diameter / SLIDE,
-        damping,
+        pairs,
+        (SLIDE_ERROR * tolerance * diameter / SLIDE, stiffness.damping, stiffness.shortest_leg),
     )
     if uniform:
         points, errors = fit.control_points(), fit.errors(True)
     else:
-        points, errors = _iterate(fit, LEVEL_ABOVE * tolerance * diameter)
+        points, errors = _iterate(fit, counts, pairs, tolerance * diameter, stiffness.max_stray)
     return _collect(registration, points, errors / diameter, smooth, uniform, tolerance, diameter)
 
 
@@ -270,13 +291,53 @@ def _smooth_joints(smooth: Sequence[NDArray[np.bool_]], loops: Sequence[LoopRegi
     return pairs
 
 
-def _iterate(fit: _core.BoundaryFit, level_above: float) -> tuple[FloatArray, FloatArray]:
+class _Chains(NamedTuple):
+    """Sides linked by smooth joints: they depend on one another, others do not."""
+
+    of: NDArray[np.int64]
+    order: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+
+    @classmethod
+    def of_sides(cls, n: int, pairs: Sequence[tuple[int, int]]) -> _Chains:
+        first = np.ones(n, dtype=bool)
+        first[[after for before, after in pairs if before < after]] = False
+        chain = np.cumsum(first) - 1
+        for before, after in pairs:
+            if before >= after:
+                # The loop closes smoothly: its first chain goes on from its last.
+                chain[chain == chain[after]] = chain[before]
+        return cls.numbered(np.unique(chain, return_inverse=True)[1])
+
+    @classmethod
+    def numbered(cls, chain: NDArray[np.int64]) -> _Chains:
+        sizes = np.bincount(chain)
+        return cls(chain, np.argsort(chain, kind="stable"), np.cumsum(sizes) - sizes, sizes)
+
+    def score(self, error: FloatArray, backwards: FloatArray) -> FloatArray:
+        """What counts of every chain: the largest error, then the others.
+
+        Loops are worse than any error: they rule out an injective map.
+        """
+        error, starts = error[self.order], self.starts
+        largest = np.maximum.reduceat(error, starts) + 0.1 * np.add.reduceat(error, starts) / self.sizes
+        return np.asarray(largest + BACKING_UP * np.maximum.reduceat(backwards[self.order], starts))
+
+
+def _iterate(
+    fit: _core.BoundaryFit, counts: Sequence[int], pairs: Sequence[tuple[int, int]], tolerance: float, max_stray: float
+) -> tuple[FloatArray, FloatArray]:
     """Gauss–Newton steps on control points, feet and tangents together, then levelling of the largest errors.
 
-    Returns the control points of all sides and their errors.
+    Returns the control points of all sides and their errors: those of the best step, or with levelling of every
+    chain's own best step (tangents are shared in a chain).
     """
-    best, best_step, found = np.inf, 0, (fit.control_points(), fit.errors(True))
-    levelling, error = False, found[1]
+    points, error = fit.control_points(), fit.errors(True)
+    found, back = error, np.full(len(error), np.inf)
+    chains = _Chains.numbered(np.zeros(len(error), dtype=np.int64))
+    best, best_step = np.array([np.inf]), np.array([0])
+    levelling = False
     for step in range(STEPS + LEVELLING):
         fit.linearise(levelling)
         if step == FREE_STEPS:
@@ -287,18 +348,29 @@ def _iterate(fit: _core.BoundaryFit, level_above: float) -> tuple[FloatArray, Fl
         fit.solve()
         if step < FREE_STEPS:
             continue
-        fit.hold_ends(float(np.cos(MAX_STRAY)))
-        error = fit.errors(False)
+        fit.hold_ends(max_stray)
+        last, error, backwards = error, fit.errors(False), fit.backwards()
+        score = chains.score(error, backwards)
+        best_step[score < (1 - IMPROVEMENT[levelling]) * best] = step
+        better = score < best
+        if better.all():
+            points, found, back, best = fit.control_points(), error, backwards, score
+        elif better.any():
+            taken = better[chains.of]
+            points = np.where(np.repeat(taken, counts)[:, None], fit.control_points(), points)
+            found, back = np.where(taken, error, found), np.where(taken, backwards, back)
+            best = np.minimum(score, best)
         worst = float(error.max())
-        # Tangents are shared, so the best is one of all sides together: the largest error, then the others. Loops are
-        # worse than any error: they rule out an injective map.
-        score = worst + 0.1 * float(error.mean()) + BACKING_UP * fit.backwards()
-        if score < (1 - IMPROVEMENT[levelling]) * best:
-            best_step = step
-        if score < best:
-            best, found = score, (fit.control_points(), error)
-        settled = levelling or step >= STEPS or step - best_step >= 2
-        if settled and (worst <= level_above or (levelling and step - best_step > PATIENCE)):
-            break
-        levelling = settled
-    return found
+        if levelling:
+            if ((best <= LEVEL_ABOVE * tolerance) | (step - best_step > PATIENCE)).all():
+                break
+        # A tolerance that is missed is worth all steps while any side still comes closer, not only the worst.
+        elif step >= STEPS or (
+            step - best_step[0] >= 2 and (worst <= tolerance or float(np.abs(error - last).max()) <= STILL * tolerance)
+        ):
+            if worst <= LEVEL_ABOVE * tolerance:
+                break
+            levelling, chains = True, _Chains.of_sides(len(error), pairs)
+            best = chains.score(found, back)
+            best_step = np.full(len(best), step)
+    return points, found

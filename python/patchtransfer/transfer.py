@@ -310,7 +310,7 @@ class TransferPlan:
             fitted = fit_boundary(registration, tolerance=tolerance)
             if fitted.error <= MISSED * tolerance:
                 return fitted
-            free = fit_boundary(registration, tolerance=tolerance, damping=FREE)
+            free = fit_boundary(registration, tolerance=tolerance, stiffness=FREE)
         with clock("feasibility"):
             return free if free.error < fitted.error and self._check_fit(free)[2] is None else fitted
 

@@ -75,8 +75,8 @@ impl<'a> BoundaryFit<'a> {
     }
 
     /// See the method of a side.
-    pub fn hold_ends(&mut self, cosine: f64) {
-        self.each(|side, _, _| side.hold_ends(cosine));
+    pub fn hold_ends(&mut self, most: f64) {
+        self.each(|side, _, _| side.hold_ends(most));
     }
 
     /// See the method of a side.
@@ -84,10 +84,9 @@ impl<'a> BoundaryFit<'a> {
         self.sides.iter().map(|side| side.error(&self.bases[side.refers_to()[0]], whole)).collect()
     }
 
-    /// Longest way that a side backs up against the target; then it has loops or cusps.
-    pub fn backwards(&self) -> f64 {
-        let back = |side: &Side| side.backwards(&self.bases[side.refers_to()[0]]);
-        self.sides.iter().map(back).fold(0.0, f64::max)
+    /// Way that every side backs up against the target; where there is any it has loops or cusps.
+    pub fn backwards(&self) -> Vec<f64> {
+        self.sides.iter().map(|side| side.backwards(&self.bases[side.refers_to()[0]])).collect()
     }
 
     /// Put both legs of every smooth joint on the mean of their directions.

@@ -6,8 +6,13 @@
 
 use crate::outline::{Outline, Scratch};
 
-/// A leg on a line gets no shorter than this part of its given length.
-const SHORTEST_LEG: f64 = 0.2;
+/// A side that goes on more slowly than this part of the given speed counts as backing up by what is lacking: where it
+/// nearly stops it is next to a cusp, and patches behind get thin.
+const SLOWEST: f64 = 0.05;
+
+/// A leg that strays from the outline's tangent too far is put on a line nearer by this angle (25 degrees) than the
+/// limit: at the limit itself corners of patches get thin, and the tangent is too far off where the limit is wide.
+const TURNED_BACK: f64 = 0.436_332_312_998_582_4;
 
 /// Values of all basis functions (columns) at the samples (rows).
 #[derive(Clone, Debug)]
@@ -52,6 +57,15 @@ pub struct SideData {
     pub legs: [f64; 2],
 }
 
+/// Unit vector at this angle from unit vector `t`, on the side of `leg`.
+fn towards(leg: [f64; 2], t: [f64; 2], angle: f64) -> [f64; 2] {
+    let angle = angle.copysign(t[0] * leg[1] - t[1] * leg[0]);
+    let (sin, cos) = angle.sin_cos();
+    let line = [cos * t[0] - sin * t[1], cos * t[1] + sin * t[0]];
+    let size = line[0].hypot(line[1]);
+    line.map(|x| x / size)
+}
+
 /// A side and the state of its fit.
 #[derive(Clone, Debug)]
 pub struct Side {
@@ -62,6 +76,8 @@ pub struct Side {
     hold: f64,
     /// Weight of the residual along the tangent; the sliding makes it vanish at the end.
     damping: f64,
+    /// A leg on a line gets no shorter than this part of its given length.
+    shortest_leg: f64,
     /// Of the inner samples.
     weights: Vec<f64>,
     /// Direction of the line of each leg, if it has one.
@@ -79,7 +95,7 @@ pub type Turning = ([[f64; 2]; 2], [f64; 2]);
 
 impl Side {
     /// `slide_error`: sliding by the whole side costs as much as this error, squared.
-    pub fn new(data: SideData, basis: &Basis, slide_error: f64, damping: f64) -> Self {
+    pub fn new(data: SideData, basis: &Basis, slide_error: f64, damping: f64, shortest_leg: f64) -> Self {
         let k = data.lengths.len();
         let span = data.lengths[k - 1] - data.lengths[0];
         let mut control = vec![data.ends[0]; basis.n];
@@ -88,6 +104,7 @@ impl Side {
             lengths: data.lengths.clone(),
             hold: (slide_error / span).powi(2),
             damping,
+            shortest_leg,
             weights: vec![1.0; k - 2],
             lines: [None; 2],
             target: vec![],
@@ -200,14 +217,15 @@ impl Side {
         })
     }
 
-    /// Way, summed over samples, that the curve backs up against the target.
+    /// Way, summed over samples, that the curve backs up against the target or lacks where it all but stops.
     pub fn backwards(&self, basis: &Basis) -> f64 {
         let mut last = self.point(basis, 0);
         (1..self.target.len()).fold(0.0, |sum, k| {
             let (p, a, b) = (self.point(basis, k), self.target[k - 1], self.target[k]);
             let step = (p[0] - last[0]) * (a[2] + b[2]) + (p[1] - last[1]) * (a[3] + b[3]);
             last = p;
-            sum + (-0.5 * step).max(0.0)
+            let due = SLOWEST * (self.data.lengths[k] - self.data.lengths[k - 1]);
+            sum + (due - 0.5 * step).max(0.0)
         })
     }
 
@@ -280,7 +298,7 @@ impl Side {
         let mut short = false;
         for (end, forward) in [(0, 1.0), (1, -1.0)] {
             let (at, base) = (self.leg_at(end), self.end_coordinates(end)[0]);
-            let shortest = SHORTEST_LEG * self.data.legs[end];
+            let shortest = self.shortest_leg * self.data.legs[end];
             if self.lines[end].is_some() && forward * (x[at] - base) < shortest {
                 fixed[at] = Some(base + forward * shortest);
                 short = true;
@@ -308,16 +326,28 @@ impl Side {
         [leg(self.control[0], self.control[1]), leg(self.control[n - 2], self.control[n - 1])]
     }
 
-    /// Put free legs that stray from the outline's tangent by more than the angle with this cosine on the tangent.
-    pub fn hold_ends(&mut self, cosine: f64) {
+    /// Put free legs that stray from the outline's tangent by more than this angle on a line well within it, and solve
+    /// again.
+    pub fn hold_ends(&mut self, most: f64) {
+        let cosine = most.cos();
         if self.inner() < 2 {
             return;
         }
-        for (end, leg) in self.legs().into_iter().enumerate() {
-            let t = self.data.tangents[end];
-            if self.lines[end].is_none() && leg[0] * t[0] + leg[1] * t[1] < cosine * leg[0].hypot(leg[1]) {
-                self.lines[end] = Some(t);
+        // Legs move each other: once one is held, the other may stray.
+        for _ in 0..2 {
+            let mut stray = false;
+            for (end, leg) in self.legs().into_iter().enumerate() {
+                let t = self.data.tangents[end];
+                if self.lines[end].is_none() && leg[0] * t[0] + leg[1] * t[1] < cosine * leg[0].hypot(leg[1])
+                {
+                    self.lines[end] = Some(towards(leg, t, (most - TURNED_BACK).max(0.0)));
+                    stray = true;
+                }
             }
+            if !stray {
+                return;
+            }
+            self.solve();
         }
     }
 

@@ -37,7 +37,7 @@ fn read_loop(
     outline: usize,
     (indices, lengths, points, tangents, legs): &LoopTuple<'_>,
     bases: &[Basis],
-    (slide_error, damping): (f64, f64),
+    [slide_error, damping, shortest_leg]: [f64; 3],
 ) -> PyResult<Vec<Side>> {
     let n = indices.len();
     let (lengths, points, legs) = (lengths.as_slice()?, points2(points)?, points2(legs)?);
@@ -61,7 +61,7 @@ fn read_loop(
             legs: legs[i],
         };
         at += count;
-        sides.push(Side::new(data, known, slide_error, damping));
+        sides.push(Side::new(data, known, slide_error, damping, shortest_leg));
     }
     if at == lengths.len() { Ok(sides) } else { Err(mismatch("arc lengths of a loop")) }
 }
@@ -75,8 +75,7 @@ impl BoundaryFit {
         bases: Vec<PyReadonlyArray2<'_, f64>>,
         loops: Vec<LoopTuple<'_>>,
         joints: Vec<(usize, usize)>,
-        slide_error: f64,
-        damping: f64,
+        stiffness: [f64; 3],
     ) -> PyResult<Self> {
         let bases: Vec<Basis> = bases
             .iter()
@@ -93,7 +92,7 @@ impl BoundaryFit {
         }
         let mut sides = vec![];
         for (k, of_loop) in loops.iter().enumerate() {
-            sides.extend(read_loop(k, of_loop, &bases, (slide_error, damping))?);
+            sides.extend(read_loop(k, of_loop, &bases, stiffness)?);
         }
         if joints.iter().any(|&(a, b)| a >= sides.len() || b >= sides.len()) {
             return Err(mismatch("joints"));
@@ -112,8 +111,8 @@ impl BoundaryFit {
         self.with(py, |mut core| core.solve())
     }
 
-    fn hold_ends(&mut self, py: Python<'_>, cosine: f64) -> PyResult<()> {
-        self.with(py, |mut core| core.hold_ends(cosine))
+    fn hold_ends(&mut self, py: Python<'_>, most: f64) -> PyResult<()> {
+        self.with(py, |mut core| core.hold_ends(most))
     }
 
     fn align(&mut self, py: Python<'_>) -> PyResult<()> {
@@ -133,8 +132,8 @@ impl BoundaryFit {
         Ok(self.with(py, |core| core.errors(whole))?.into_pyarray(py))
     }
 
-    fn backwards(&mut self, py: Python<'_>) -> PyResult<f64> {
-        self.with(py, |core| core.backwards())
+    fn backwards<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(self.with(py, |core| core.backwards())?.into_pyarray(py))
     }
 
     /// Control points of all sides, one after the other.
