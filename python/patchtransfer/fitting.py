@@ -26,7 +26,7 @@ from .errors import InputError
 from .outline import Outline, hausdorff
 from .packing import PackedCurves, pack_curves, unpack_curves
 from .registration import LoopRegistration, Registration
-from .splines import BSplineCurve, FloatArray, collocation_matrix, knot_spans
+from .splines import BSplineCurve, FloatArray, IntArray, collocation_matrix, knot_spans
 
 __all__ = ["FREE", "STIFF", "FittedBoundary", "FittedSide", "Stiffness", "fit_boundary"]
 
@@ -294,10 +294,10 @@ def _smooth_joints(smooth: Sequence[NDArray[np.bool_]], loops: Sequence[LoopRegi
 class _Chains(NamedTuple):
     """Sides linked by smooth joints: they depend on one another, others do not."""
 
-    of: NDArray[np.int64]
-    order: NDArray[np.int64]
-    starts: NDArray[np.int64]
-    sizes: NDArray[np.int64]
+    of: IntArray
+    order: IntArray
+    starts: IntArray
+    sizes: IntArray
 
     @classmethod
     def of_sides(cls, n: int, pairs: Sequence[tuple[int, int]]) -> _Chains:
@@ -311,7 +311,7 @@ class _Chains(NamedTuple):
         return cls.numbered(np.unique(chain, return_inverse=True)[1])
 
     @classmethod
-    def numbered(cls, chain: NDArray[np.int64]) -> _Chains:
+    def numbered(cls, chain: IntArray) -> _Chains:
         sizes = np.bincount(chain)
         return cls(chain, np.argsort(chain, kind="stable"), np.cumsum(sizes) - sizes, sizes)
 
