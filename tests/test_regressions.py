@@ -102,13 +102,12 @@ def test_one_landmark_is_no_worse_than_none(k):
 
 
 def notched() -> tuple[pt.MultiPatch, pt.Boundary]:
-    """One quadratic span a side against a slot near a corner, which the fit cannot follow without crossing."""
-    knots = [0, 0, 0, 1, 1, 1]
-    points = np.stack(np.meshgrid([0, 1, 2], [0, 0.5, 1], indexing="ij"), axis=2)
-    outline = [[0, 0], [2, 0], [2, 1], [1.9, 1], [1.9, 0.05], [1.8, 0.05], [1.8, 1], [0, 1]]
+    """Three quadratic spans a side against a deep slot, which the fit cannot follow without crossing."""
+    patch = models.build([models.bilinear((0, 0), (2, 0), (2, 1), (0, 1))], 2, 3, None)
+    outline = [[0, 0], [2, 0], [2, 1], [1.9, 1], [1.9, 0.05], [0.5, 0.05], [0.5, 1], [0, 1]]
     n = len(outline)
     sides = [pt.BSplineCurve([0, 0, 1, 1], 1, [outline[i], outline[(i + 1) % n]]) for i in range(n)]
-    return pt.MultiPatch([pt.Patch((knots, knots), (2, 2), points)]), pt.Boundary([sides])
+    return patch, pt.Boundary([sides])
 
 
 def test_a_fit_that_fails_still_returns_its_map_and_says_why():

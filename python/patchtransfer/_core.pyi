@@ -60,7 +60,7 @@ class BoundaryFit:
         self,
         outlines: list[Outline],
         bases: list[FloatArray],
-        loops: list[tuple[list[int], FloatArray, FloatArray, FloatArray, FloatArray]],
+        loops: list[tuple[list[int], FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]],
         joints: list[tuple[int, int]],
         stiffness: tuple[float, float, float],
     ) -> None: ...

@@ -129,7 +129,12 @@ def _unpacked(
 
 
 def fit_boundary(
-    registration: Registration, *, parameters: str = "speed", tolerance: float = 1e-3, stiffness: Stiffness = STIFF
+    registration: Registration,
+    single_patch: Sequence[Sequence[bool]] | None = None,
+    *,
+    parameters: str = "speed",
+    tolerance: float = 1e-3,
+    stiffness: Stiffness = STIFF,
 ) -> FittedBoundary:
     """Fit every source boundary side to its part of the target.
 
@@ -156,8 +161,13 @@ def fit_boundary(
     diameter = float(np.linalg.norm(np.ptp(registration.loops[0].target.polygon(512), axis=0)))
     bases = _Bases()
     joints = [loop.joints for loop in registration.loops]
-    smooth = [abs(loop.target.turn(x[:-1])) < SMOOTH for loop, x in zip(registration.loops, joints, strict=True)]
-    sides = [_sides(bases, loop, x, uniform) for loop, x in zip(registration.loops, joints, strict=True)]
+    turns = [loop.target.turn(x[:-1]) for loop, x in zip(registration.loops, joints, strict=True)]
+    smooth = [np.abs(turn) < SMOOTH for turn in turns]
+    single = [np.zeros(len(turn), bool) for turn in turns] if single_patch is None else single_patch
+    sides = [
+        _sides(bases, loop, x, uniform, turn, np.asarray(flags))
+        for loop, x, turn, flags in zip(registration.loops, joints, turns, single, strict=True)
+    ]
     pairs = _smooth_joints(smooth, registration.loops)
     counts = [len(curve.control_points) for loop in registration.loops for curve in loop.source.curves]
     fit = _core.BoundaryFit(
@@ -256,9 +266,14 @@ def _of_source(outline: Outline, parameters: Sequence[FloatArray]) -> _SourceSid
 
 
 def _sides(
-    bases: _Bases, loop: LoopRegistration, joints: FloatArray, uniform: bool
-) -> tuple[list[int], FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Bases of a loop's sides, arc lengths of the samples, the joints' points, tangents and leg lengths."""
+    bases: _Bases,
+    loop: LoopRegistration,
+    joints: FloatArray,
+    uniform: bool,
+    turn: FloatArray,
+    single: NDArray[np.bool_],
+) -> tuple[list[int], FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Bases of a loop's sides, arc lengths of the samples, joints, tangents, leg lengths and angles to stray by."""
     source, target = loop.source, loop.target
     index, parameters = zip(*(bases.of(curve) for curve in source.curves), strict=True)
     known = _of_source(source, parameters)
@@ -269,11 +284,20 @@ def _sides(
         lengths = loop.to_target(known.samples)
     near = 1e-9 * target.length
     leaving, arriving = target.tangent(joints[:-1] + near), target.tangent(joints[1:] - near, True)
+    straight = single & (turn < SMOOTH)
+    if straight.any():
+        # Where legs have no line of their own (see `_smooth_joints`): one tangent for both sides.
+        mean = leaving[straight] + np.roll(arriving, 1, axis=0)[straight]
+        leaving[straight] = mean / np.linalg.norm(mean, axis=1, keepdims=True)
+        arriving[np.roll(straight, -1)] = leaving[straight]
     scale = np.diff(joints) / np.diff(source.joints)
     # The joint's point is evaluated at one and the same arc length for both curves that meet there.
     points = target.point(joints[:-1])
     tangents = np.concatenate([leaving, arriving], axis=1)
-    return list(index), lengths, np.ascontiguousarray(points), tangents, scale[:, None] * known.legs
+    # Half of what one patch's corner is short of 180 degrees is left if each leg takes a quarter.
+    stray = np.where(straight, 0.0, np.where(single, turn / 4, np.inf))
+    stray = np.column_stack([stray, np.roll(stray, -1)])
+    return list(index), lengths, np.ascontiguousarray(points), tangents, scale[:, None] * known.legs, stray
 
 
 def _smooth_joints(smooth: Sequence[NDArray[np.bool_]], loops: Sequence[LoopRegistration]) -> list[tuple[int, int]]:

@@ -307,10 +307,10 @@ class TransferPlan:
         with clock("fitting"):
             if method == "paper":
                 return fit_boundary(registration, parameters="uniform", tolerance=tolerance)
-            fitted = fit_boundary(registration, tolerance=tolerance)
+            fitted = fit_boundary(registration, self._single, tolerance=tolerance)
             if fitted.error <= MISSED * tolerance:
                 return fitted
-            free = fit_boundary(registration, tolerance=tolerance, stiffness=FREE)
+            free = fit_boundary(registration, self._single, tolerance=tolerance, stiffness=FREE)
         with clock("feasibility"):
             return free if free.error < fitted.error and self._check_fit(free)[2] is None else fitted
 
@@ -465,7 +465,7 @@ class TransferPlan:
             return None
 
         def refit(moved: Registration) -> FittedBoundary | None:
-            trial = fit_boundary(moved, tolerance=tolerance)
+            trial = fit_boundary(moved, self._single, tolerance=tolerance)
             _, corners, failure = self._check_fit(trial)
             return trial if failure is None and corners == list(degenerate) else None
 

@@ -55,6 +55,8 @@ pub struct SideData {
     pub tangents: [[f64; 2]; 2],
     /// Lengths that the legs should have, roughly.
     pub legs: [f64; 2],
+    /// Angles from the tangents beyond which the legs rule out a map; infinite where none does.
+    pub stray: [f64; 2],
 }
 
 /// Unit vector at this angle from unit vector `t`, on the side of `leg`.
@@ -326,29 +328,35 @@ impl Side {
         [leg(self.control[0], self.control[1]), leg(self.control[n - 2], self.control[n - 1])]
     }
 
-    /// Put free legs that stray from the outline's tangent by more than this angle on a line well within it, and solve
-    /// again.
+    /// Put free legs that stray from the outline's tangent by more than this angle, or the side's own, on a line well
+    /// within it, and solve again.
     pub fn hold_ends(&mut self, most: f64) {
-        let cosine = most.cos();
-        if self.inner() < 2 {
-            return;
-        }
+        let limits = self.data.stray.map(|own| own.min(most));
         // Legs move each other: once one is held, the other may stray.
         for _ in 0..2 {
-            let mut stray = false;
-            for (end, leg) in self.legs().into_iter().enumerate() {
-                let t = self.data.tangents[end];
-                if self.lines[end].is_none() && leg[0] * t[0] + leg[1] * t[1] < cosine * leg[0].hypot(leg[1])
-                {
-                    self.lines[end] = Some(towards(leg, t, (most - TURNED_BACK).max(0.0)));
-                    stray = true;
-                }
+            let mut straying: Vec<usize> = (0..2).filter(|&end| self.strays(end, limits[end])).collect();
+            if self.inner() < 2 {
+                // Both legs share what inner point there is: one can be held, and only where a map depends on it.
+                straying.retain(|&end| self.data.stray[end] < most && self.lines[1 - end].is_none());
+                straying.truncate(self.inner());
             }
-            if !stray {
+            if straying.is_empty() {
                 return;
+            }
+            let legs = self.legs();
+            for end in straying {
+                let angle = (limits[end] - TURNED_BACK).max(0.0);
+                self.lines[end] = Some(towards(legs[end], self.data.tangents[end], angle));
             }
             self.solve();
         }
+    }
+
+    /// Whether a free leg strays from the outline's tangent by more than this angle.
+    fn strays(&self, end: usize, most: f64) -> bool {
+        let (leg, t) = (self.legs()[end], self.data.tangents[end]);
+        let (along, across) = (leg[0] * t[0] + leg[1] * t[1], t[0] * leg[1] - t[1] * leg[0]);
+        self.lines[end].is_none() && across.abs().atan2(along) > most
     }
 
     /// Quadratic model of the squared error in the angles of the legs on lines, everything else eliminated.

@@ -11,10 +11,11 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 /// The sides of a loop as handed over from Python: indices of bases (n,), arc lengths of all samples, the joints' points
-/// (n, 2), tangents leaving and arriving (n, 4), and lengths of the legs (n, 2).
+/// (n, 2), tangents leaving and arriving (n, 4), lengths of the legs (n, 2) and angles that they may stray by (n, 2).
 type LoopTuple<'py> = (
     Vec<usize>,
     PyReadonlyArray1<'py, f64>,
+    PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f64>,
@@ -35,14 +36,15 @@ fn mismatch(what: &str) -> PyErr {
 
 fn read_loop(
     outline: usize,
-    (indices, lengths, points, tangents, legs): &LoopTuple<'_>,
+    (indices, lengths, points, tangents, legs, stray): &LoopTuple<'_>,
     bases: &[Basis],
     [slide_error, damping, shortest_leg]: [f64; 3],
 ) -> PyResult<Vec<Side>> {
     let n = indices.len();
-    let (lengths, points, legs) = (lengths.as_slice()?, points2(points)?, points2(legs)?);
-    if points.len() != n || legs.len() != n || tangents.shape() != [n, 4] {
-        return Err(mismatch("points, tangents or legs of a loop"));
+    let (lengths, points) = (lengths.as_slice()?, points2(points)?);
+    let (legs, stray) = (points2(legs)?, points2(stray)?);
+    if points.len() != n || legs.len() != n || stray.len() != n || tangents.shape() != [n, 4] {
+        return Err(mismatch("points, tangents, legs or their angles of a loop"));
     }
     let (tangents, mut at) = (tangents.as_array(), 0);
     let mut sides = Vec::with_capacity(n);
@@ -59,6 +61,7 @@ fn read_loop(
             ends: [points[i], points[(i + 1) % n]],
             tangents: [[tangents[(i, 0)], tangents[(i, 1)]], [tangents[(i, 2)], tangents[(i, 3)]]],
             legs: legs[i],
+            stray: stray[i],
         };
         at += count;
         sides.push(Side::new(data, known, slide_error, damping, shortest_leg));
