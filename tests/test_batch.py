@@ -12,7 +12,7 @@ import targets
 from patchtransfer import InputError, TransferPlan
 from patchtransfer.batch import BatchOptions, _in_processes, _jobs, run_batch
 from patchtransfer.cli import main
-from test_transfer import notched
+from test_transfer import SLOT, notched
 
 
 def put(folder, name, mp, f, landmarks=True):
@@ -125,8 +125,8 @@ def test_a_failure_leaves_no_stale_result(case):
 
 
 def test_uncertified_maps_are_kept_on_request(tmp_path):
-    # Feasible, but the source's knots cannot follow the notch.
-    mp, target, landmarks = notched([1.9, 1], [1.9, 0.05], [1.8, 0.05], [1.8, 1])
+    # Feasible, but the source's knots cannot follow the slot.
+    mp, target, landmarks = notched(*SLOT, spans=3)
     pt.write(mp, tmp_path / "source.xml")
     pt.write(target, tmp_path / "hard.xml")
     np.savetxt(tmp_path / "hard.landmarks.csv", landmarks, delimiter=",", header="xs,ys,xt,yt", comments="")

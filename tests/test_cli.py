@@ -16,7 +16,7 @@ import patchtransfer as pt
 import targets
 from patchtransfer.cli import main
 from patchtransfer.interior import InteriorSolver
-from test_transfer import eight, folded_source, moved_hole, notched, plate, rational_source
+from test_transfer import SLOT, eight, folded_source, moved_hole, notched, plate, rational_source
 
 PNG = b"\x89PNG\r\n\x1a\n"
 KEYS = {
@@ -357,9 +357,11 @@ BAD_TARGETS = {
 
 def test_a_fit_too_coarse_is_not_called_infeasible(files):
     """The target is feasible, so this is "no certified result", not "bad input"."""
-    both(lambda: notched([1, 0.5])[0], lambda: notched([1.9, 1], [1.9, 0.05], [1.8, 0.05], [1.8, 1])[1])(files)
+    mp, target, landmarks = notched(*SLOT, spans=3)
+    both(lambda: mp, lambda: target)(files)
+    np.savetxt(files / "landmarks.csv", landmarks, delimiter=",", header="xs,ys,xt,yt", comments="")
     before = listing(files)
-    failed(run(*arguments(files)), 1, "source's knots cannot represent")
+    failed(run(*arguments(files, "--landmarks", files / "landmarks.csv")), 1, "source's knots cannot represent")
     assert listing(files) == before
 
 

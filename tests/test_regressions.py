@@ -26,6 +26,7 @@ from patchtransfer.fitting import FREE, STIFF, fit_boundary
 # The package exports the function under the module's name.
 from patchtransfer.refinement import refine_uniformly
 from patchtransfer.registration import register
+from test_transfer import SLOT, notched
 
 
 def waisted_plate(sag: float = 0.4, radius: float = 0.55) -> pt.MultiPatch:
@@ -101,18 +102,8 @@ def test_one_landmark_is_no_worse_than_none(k):
     assert one.quality.scaled_jacobian.min == pytest.approx(without.quality.scaled_jacobian.min, abs=0.02)
 
 
-def notched() -> tuple[pt.MultiPatch, pt.Boundary]:
-    """Three quadratic spans a side against a deep slot, which the fit cannot follow without crossing."""
-    patch = models.build([models.bilinear((0, 0), (2, 0), (2, 1), (0, 1))], 2, 3, None)
-    outline = [[0, 0], [2, 0], [2, 1], [1.9, 1], [1.9, 0.05], [0.5, 0.05], [0.5, 1], [0, 1]]
-    n = len(outline)
-    sides = [pt.BSplineCurve([0, 0, 1, 1], 1, [outline[i], outline[(i + 1) % n]]) for i in range(n)]
-    return patch, pt.Boundary([sides])
-
-
 def test_a_fit_that_fails_still_returns_its_map_and_says_why():
-    source, target = notched()
-    landmarks = [[0, 0, 0, 0], [2, 0, 2, 0], [2, 1, 2, 1], [0, 1, 0, 1]]
+    source, target, landmarks = notched(*SLOT, spans=3)
     with pytest.raises(pt.NotCertifiedError, match="source's knots cannot represent") as caught:
         pt.transfer(source, target, landmarks)
     for result in (caught.value.result, pt.transfer(source, target, landmarks, on_failure="return")):
@@ -122,8 +113,7 @@ def test_a_fit_that_fails_still_returns_its_map_and_says_why():
 
 
 def test_target_corners_between_joints_are_told():
-    source, target = notched()
-    result = pt.transfer(source, target, [[0, 0, 0, 0], [2, 0, 2, 0], [2, 1, 2, 1], [0, 1, 0, 1]], on_failure="return")
+    result = pt.transfer(*notched(*SLOT), on_failure="return")
     assert any("corner at (1.9, 0.05)" in warning for warning in result.warnings)
 
 

@@ -305,15 +305,19 @@ def test_a_reentrant_corner_of_several_patches_is_feasible():
 SHEET = [[0.0, 0], [2, 0], [2, 1], [0, 1]]
 
 
-def notched(*notch) -> tuple[pt.MultiPatch, Boundary, np.ndarray]:
-    """A sheet with one quadratic span a side, and the sheet with a notch in its upper side."""
-    mp = models.build([models.bilinear(*SHEET)], 2, 1, None)
+#: Sides of three quadratic spans cannot follow it without crossing.
+SLOT = [[1.9, 1], [1.9, 0.05], [0.5, 0.05], [0.5, 1]]
+
+
+def notched(*notch, spans: int = 1) -> tuple[pt.MultiPatch, Boundary, np.ndarray]:
+    """A sheet with few quadratic spans a side, and the sheet with a notch in its upper side."""
+    mp = models.build([models.bilinear(*SHEET)], 2, spans, None)
     return mp, Boundary([polygon([*SHEET[:3], *notch, SHEET[3]])]), np.hstack([SHEET, SHEET])
 
 
 def test_a_fit_too_coarse_is_not_called_infeasible():
     with pytest.raises(pt.NotCertifiedError, match=r"target is feasible, but the source's knots cannot.*refine='auto'"):
-        pt.transfer(*notched([1.9, 1], [1.9, 0.05], [1.8, 0.05], [1.8, 1]))
+        pt.transfer(*notched(*SLOT, spans=3))
 
 
 @pytest.mark.parametrize("notch", [[[1, 0.1]], [[1.02, 1], [1.0, 0.02], [0.98, 1]]])
