@@ -8,13 +8,14 @@ from __future__ import annotations
 import argparse
 from collections import defaultdict
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 from registration_cases import Case, cases, correspondence_error
 
 from patchtransfer import TransferError, TransferPlan
-from patchtransfer.fitting import STIFF, Stiffness, fit_boundary
+from patchtransfer.fitting import FittedBoundary, fit_boundary
 from patchtransfer.registration import Registration, register
 
 TEXT = """# Registration, measured
@@ -80,9 +81,9 @@ def measure(case: Case, plan: TransferPlan, rows: list[Row]) -> None:
 def transfer_with(case: Case, plan: TransferPlan, registration: Registration, choice: Choice, rows: list[Row]) -> None:
     """Transfer with a given registration and choice of parameters."""
 
-    def fit(registration: Registration, *, parameters: str = "speed", tolerance: float, stiffness: Stiffness = STIFF):
+    def fit(*arguments: Any, parameters: str = "speed", **options: Any) -> FittedBoundary:
         del parameters
-        return fit_boundary(registration, parameters=choice[1], tolerance=tolerance, stiffness=stiffness)
+        return fit_boundary(*arguments, parameters=choice[1], **options)
 
     with (
         patch("patchtransfer.transfer.fit_boundary", fit),
