@@ -20,9 +20,10 @@ MAX_WARNINGS = 5
 
 def corners_between(anchors: FloatArray, source: Outline, target: Outline) -> FloatArray:
     """Add the corners between landmarks where both arcs have equally many, turning alike, in order."""
-    (s, turn_s, arc_s), (t, turn_t, arc_t) = (
-        _corners_inside(anchors[:, column], outline) for column, outline in ((0, source), (1, target))
-    )
+    s, turn_s, arc_s = _corners_inside(anchors[:, 0], source)
+    if len(s) == 0:
+        return close_turn(anchors[:-1], source, target, anchors)
+    t, turn_t, arc_t = _corners_inside(anchors[:, 1], target)
     n = len(anchors) - 1
     equal = np.bincount(arc_s, minlength=n) == np.bincount(arc_t, minlength=n)
     i, j = np.flatnonzero(equal[arc_s]), np.flatnonzero(equal[arc_t])

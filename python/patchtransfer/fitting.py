@@ -26,7 +26,7 @@ from .errors import InputError
 from .outline import Outline, hausdorff
 from .packing import PackedCurves, pack_curves, unpack_curves
 from .registration import LoopRegistration, Registration
-from .splines import BSplineCurve, FloatArray, IntArray, collocation_matrix, knot_spans
+from .splines import BSplineCurve, FloatArray, IntArray, collocation_matrix, frozen_array, knot_spans
 
 __all__ = ["FREE", "STIFF", "FittedBoundary", "FittedSide", "Stiffness", "fit_boundary"]
 
@@ -195,12 +195,13 @@ def _collect(
 ) -> FittedBoundary:
     """Curves and their errors, loop by loop, with warnings on those above the tolerance."""
     loops, warnings, distances = [], [], []
+    points = frozen_array(points, "fitted control points")
     at, side = 0, 0
     for k, loop in enumerate(registration.loops):
         fitted = []
         for i, curve in enumerate(loop.source.curves):
             n, error = len(curve.control_points), float(errors[side])
-            image = curve.with_control_points(points[at : at + n])
+            image = BSplineCurve._trusted(curve.knots, curve.degree, points[at : at + n], curve.weights)
             fitted.append(FittedSide(image, error, bool(smooth[k][i] and not uniform)))
             at, side = at + n, side + 1
             if error > tolerance:

@@ -157,8 +157,9 @@ class TransferPlan:
         self._loops = self._welded.boundary().loops
         self._outlines = [Outline(loop) for loop in self._loops]
         valence = {vertex.point: vertex.valence for vertex in topology.vertices}
-        starts = [[int(side.points(topology.points[side.patch])[0]) for side in loop] for loop in topology.loops]
-        self._single = [[valence[point] == 1 for point in loop] for loop in starts]
+        of_sides = [[side.points(topology.points[side.patch]) for side in loop] for loop in topology.loops]
+        self._single = [[valence[int(points[0])] == 1 for points in loop] for loop in of_sides]
+        self._side_points = np.concatenate([points for loop in of_sides for points in loop])
         certificate = certify(self._welded)
         if not certificate.injective:
             raise InputError(f"the source is not an injective parameterization: {'; '.join(certificate.reasons)}")
@@ -444,9 +445,9 @@ class TransferPlan:
         """Shared control points with the fitted boundary and the source's interior."""
         topology = self.source.topology
         points = topology.coordinates.copy()
-        for loop, sides in zip(topology.loops, fitted.loops, strict=True):
-            for side, fit in zip(loop, sides, strict=True):
-                points[side.points(topology.points[side.patch])] = fit.curve.control_points
+        points[self._side_points] = np.concatenate(
+            [fit.curve.control_points for sides in fitted.loops for fit in sides]
+        )
         return points
 
     def _slide(
