@@ -1,18 +1,18 @@
-"""Signed areas of polygons, and of patches by integrals along their sides."""
+"""Signed areas of polygons, and of patches and loops by integrals along sides."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .multipatch import Side
 from .splines import FloatArray, IntArray, Patch, collocation_matrix
 
-__all__ = ["numbered", "polygon_area", "side_areas", "signed_areas"]
+__all__ = ["SideGroup", "enclosed_areas", "group_sides", "numbered", "polygon_area", "signed_areas"]
 
 
 #: The sides of a right-handed patch counter-clockwise, and whether along or against their parameters.
@@ -35,63 +35,57 @@ def polygon_area(points: FloatArray) -> float:
     return float(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
+class SideGroup(NamedTuple):
+    """Sides of patches with one area form `form`: their owners, signs, control points and origins.
+
+    `entries` (k, n) and `origins` (k,) number the control points patch by patch.
+    """
+
+    form: FloatArray
+    owners: IntArray
+    signs: FloatArray
+    entries: IntArray
+    origins: IntArray
+
+
+def group_sides(patches: Sequence[Patch], sides: Iterable[tuple[int, int, Side, float, int]]) -> list[SideGroup]:
+    """Group sides by degree and knots: rows (owner, patch, side, sign, origin) for `enclosed_areas`."""
+    numbers = numbered([patch.shape for patch in patches])
+    groups: dict[tuple[bytes, int, bool], list[tuple[int, float, IntArray, int]]] = defaultdict(list)
+    for owner, k, side, sign, origin in sides:
+        patch = patches[k]
+        key = (patch.knots[side.axis].tobytes(), patch.degrees[side.axis], patch.weights is not None)
+        groups[key].append((owner, sign, side.of(numbers[k]), origin))
+    found = []
+    for (knots, degree, rational), members in groups.items():
+        owners, signs, entries, origins = (np.array(column) for column in zip(*members, strict=True))
+        form = np.eye(entries.shape[1], k=1) if rational else _area_form(knots, degree)
+        found.append(SideGroup(form, owners, signs, entries, origins))
+    return found
+
+
+def enclosed_areas(patches: Sequence[Patch], groups: Sequence[SideGroup], n: int) -> FloatArray:
+    """Signed areas by ½∮ x dy - y dx of `n` owners of sides: exact up to rounding, or of rational sides' polygons."""
+    control = np.concatenate([patch.control_points.reshape(-1, 2) for patch in patches])
+    areas = np.zeros(n)
+    for form, owners, signs, entries, origins in groups:
+        x, y = (control[entries] - control[origins][:, None]).transpose(2, 0, 1)
+        areas += np.bincount(owners, signs * 0.5 * ((x @ form) * y - (y @ form) * x).sum(axis=1), n)
+    return areas
+
+
 def signed_areas(patches: Sequence[Patch], kept: dict[str, Any] | None = None) -> FloatArray:
-    """Signed areas of patches by the boundary integral ½∮ x dy - y dx, exact up to rounding.
+    """Signed areas of patches.
 
     For a rational patch its sides' control polygon is taken, whose area has the same sign unless the sides bend
     strongly; the certificate checks the sign. `kept` is for what patches of the same shapes and knots have in common.
     """
-    if any(patch.weights is not None for patch in patches):
-        sides = [(patch, side, patch.control_points[0, 0]) for patch in patches for side, _ in AROUND]
-        return np.asarray(side_areas(sides).reshape(-1, 4) @ [sign for _, sign in AROUND])
     kept = {} if kept is None else kept
     if "sides around patches" not in kept:
-        kept["sides around patches"] = _sides_around(patches)
-    control = np.concatenate([patch.control_points.reshape(-1, 2) for patch in patches])
-    areas = np.zeros(len(patches))
-    for form, owner, sign, entries, origin in kept["sides around patches"]:
-        x, y = (control[entries] - control[origin][:, None]).transpose(2, 0, 1)
-        areas += np.bincount(owner, sign * _half_integrals(x, y, form), len(patches))
-    return areas
-
-
-def _sides_around(patches: Sequence[Patch]) -> list[tuple[FloatArray, IntArray, FloatArray, IntArray, IntArray]]:
-    """Sides of equal degree and knots together: matrix of `_area_form`, patches, signs, entries and origins.
-
-    Entries number the control points patch by patch; the origin of a side is its patch's first one.
-    """
-    groups: dict[tuple[bytes, int], list[tuple[int, float, IntArray, int]]] = defaultdict(list)
-    for k, (patch, entries) in enumerate(zip(patches, numbered([p.shape for p in patches]), strict=True)):
-        for side, sign in AROUND:
-            key = (patch.knots[side.axis].tobytes(), patch.degrees[side.axis])
-            groups[key].append((k, sign, side.of(entries), int(entries[0, 0])))
-    found = []
-    for key, members in groups.items():
-        owners, signs, sides, origins = zip(*members, strict=True)
-        found.append((_area_form(*key), np.array(owners), np.array(signs), np.array(sides), np.array(origins)))
-    return found
-
-
-def _half_integrals(x: FloatArray, y: FloatArray, form: FloatArray) -> FloatArray:
-    """½∫ x dy - y dx of curves with coordinates (k, n)."""
-    return np.asarray(0.5 * (((x @ form) * y).sum(axis=1) - ((y @ form) * x).sum(axis=1)))
-
-
-def side_areas(sides: Sequence[tuple[Patch, Side, FloatArray]]) -> FloatArray:
-    """½∫ x dy - y dx along sides of patches in the sense of their parameters, each about an origin."""
-    areas = np.empty(len(sides))
-    groups: dict[tuple[bytes, int], list[int]] = defaultdict(list)
-    for k, (patch, side, origin) in enumerate(sides):
-        if patch.weights is None:
-            groups[patch.knots[side.axis].tobytes(), patch.degrees[side.axis]].append(k)
-        else:
-            x, y = (side.of(patch.control_points) - origin).T
-            areas[k] = 0.5 * (x[:-1] @ y[1:] - y[:-1] @ x[1:])
-    for key, members in groups.items():
-        points = np.array([sides[k][1].of(sides[k][0].control_points) for k in members])
-        x, y = (points - np.array([sides[k][2] for k in members])[:, None]).transpose(2, 0, 1)
-        areas[members] = _half_integrals(x, y, _area_form(*key))
-    return areas
+        origins = [int(numbers[0, 0]) for numbers in numbered([patch.shape for patch in patches])]
+        sides = [(k, k, side, sign, origin) for k, origin in enumerate(origins) for side, sign in AROUND]
+        kept["sides around patches"] = group_sides(patches, sides)
+    return enclosed_areas(patches, kept["sides around patches"], len(patches))
 
 
 @lru_cache(maxsize=256)

@@ -8,14 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import _core
-from .outline import Outline
+from .outline import CORNER, Outline
 from .splines import FloatArray, IntArray
 
-__all__ = ["CORNER", "BoundaryShape", "corners", "cyclic_gap", "image_of", "turning"]
+__all__ = ["BoundaryShape", "cyclic_gap", "image_of", "turning"]
 
-
-#: A joint that turns by more is a corner.
-CORNER = np.radians(15.0)
 #: Nodes of the outer loop, of a hole at most and at least, of all holes together about.
 SAMPLES, HOLE_SAMPLES, FEWEST_SAMPLES, ALL_HOLES = 160, 32, 8, 320
 #: Corners of a loop that become nodes at most, the sharpest ones.
@@ -96,13 +93,6 @@ class BoundaryShape:
         return np.asarray(self.s[k][nodes] + turns * self.outlines[k].length)
 
 
-def corners(outline: Outline) -> tuple[FloatArray, FloatArray]:
-    """Arc lengths and signed turning angles (radians) of the corners."""
-    breaks, turn = outline.piece_breaks, outline.piece_turns
-    sharp = abs(turn) > CORNER
-    return breaks[sharp], turn[sharp]
-
-
 def cyclic_gap(a: FloatArray, b: FloatArray, length: float) -> FloatArray:
     """Distance from every `a` to the nearest `b` on a loop; infinite without any `b`."""
     gap = np.mod(a[:, None] - b, length)
@@ -128,7 +118,7 @@ def turning(outline: Outline, s: FloatArray) -> FloatArray:
 
 def _nodes(outline: Outline, n: int, extra: FloatArray) -> FloatArray:
     """About `n` arc lengths at equal distances, with the sharpest corners and the `extra` ones among them."""
-    at, turn = corners(outline)
+    at, turn = outline.corners
     at = at[np.argsort(-abs(turn), kind="stable")[:MAX_CORNERS]]
     step = outline.length / n
     # A corner at a landmark is the same node.

@@ -28,7 +28,7 @@ import numpy as np
 
 from . import _core
 from .errors import InputError
-from .multipatch import MultiPatch
+from .multipatch import Interface, MultiPatch
 from .splines import BSplineCurve
 
 __all__ = ["BoundaryReport", "Cell", "Certificate", "Meeting", "certify", "check_boundary"]
@@ -43,6 +43,8 @@ WELD_ULPS = 8.0
 MAX_DEGREE = 19
 #: Knots along an interface may differ by this many units of roundoff of their range.
 KNOT_ULPS = 4.0
+#: Twice the unit of roundoff.
+EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -222,7 +224,7 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
     for k, patch in enumerate(multipatch.patches):
         if max(patch.degrees) > MAX_DEGREE:
             raise InputError(f"patch {k}: degrees {patch.degrees} exceed {MAX_DEGREE}, the largest certified")
-    multipatch, notes = _weld(multipatch)
+    multipatch, gaps, notes = _weld(multipatch)
     topology = multipatch.topology
     proofs = _core.certify_patches(
         [patch.to_core() for patch in multipatch.patches],
@@ -245,7 +247,7 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
                     f"patch {k}: area and control polygon differ in sign; insert knots on its sides",
                 )
             )
-    findings += _gluing(multipatch, positive)
+    findings += _gluing(multipatch, gaps, positive)
     boundary, verdicts = _boundary(multipatch)
     findings += verdicts
     status = max((kind for kind, _ in findings), key=STATUSES.index, default="certified")
@@ -262,27 +264,28 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
     )
 
 
-def _weld(multipatch: MultiPatch) -> tuple[MultiPatch, list[str]]:
+def _weld(multipatch: MultiPatch) -> tuple[MultiPatch, list[float], list[str]]:
     """Take the mean of both sides' control points where they differ by rounding only, and say so.
 
     Programs that evaluate or transform the sides of an interface one by one write such files; a rewritten model has
-    one number for both.
+    one number for both. The gaps are those that are left, interface by interface.
     """
-    if multipatch.is_rational:
-        return multipatch, []
-    topology, notes = multipatch.topology, []
-    largest = float(np.abs(topology.coordinates).max())
-    for f, gap in zip(multipatch.interfaces, _point_gaps(multipatch), strict=True):
-        if gap > WELD_ULPS * np.finfo(float).eps * largest:
-            return multipatch, []
-        if gap > 0.0:
-            notes.append(
-                f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}: the "
-                f"two sides differ by rounding ({gap:.2g}); the outcome is for their common mean"
-            )
-    if not notes:
-        return multipatch, []
-    return multipatch.with_shared_points(topology.coordinates), notes
+    gaps = _point_gaps(multipatch)
+    if multipatch.is_rational or not any(gaps):
+        return multipatch, gaps, []
+    points = multipatch.topology.coordinates
+    if max(gaps) > WELD_ULPS * EPS * float(np.abs(points).max()):
+        return multipatch, gaps, []
+    notes = [
+        f"interface {_name(f)}: the two sides differ by rounding ({gap:.2g}); the outcome is for their common mean"
+        for f, gap in zip(multipatch.interfaces, gaps, strict=True)
+        if gap > 0.0
+    ]
+    return multipatch.with_shared_points(points), [0.0] * len(gaps), notes
+
+
+def _name(f: Interface) -> str:
+    return f"patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
 
 
 def _shorten(reasons: list[str]) -> tuple[str, ...]:
@@ -307,27 +310,31 @@ def _patch_reason(cells: Sequence[Cell]) -> str:
     )
 
 
-def _gluing(multipatch: MultiPatch, positive: Sequence[bool]) -> list[tuple[str, str]]:
+def _gluing(multipatch: MultiPatch, gaps: Sequence[float], positive: Sequence[bool]) -> list[tuple[str, str]]:
     """Collect what speaks against the interfaces; `positive` says where det J > 0 is proved."""
     topology, patches = multipatch.topology, multipatch.patches
     findings = []
-    for f, gaps in zip(multipatch.interfaces, _gaps(multipatch), strict=True):
-        name = f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
-        a = topology.directed_side(f.patch_a, f.side_a).reversed
-        b = topology.directed_side(f.patch_b, f.side_b).reversed
-        if (a != b) == f.reversed:
+    for i, (f, gap, knot_gap) in enumerate(zip(multipatch.interfaces, gaps, topology.knot_gaps, strict=True)):
+        if i in topology.folded_over:
             kind = "folded" if positive[f.patch_a] and positive[f.patch_b] else "undecided"
-            findings.append((kind, f"{name}: the patches lie on the same side of it, one folds back on the other"))
-        for what, gap in gaps:
-            findings.append(
-                (
-                    "undecided",
-                    f"{name}: {what} of the two sides differ by {gap:.3g}; take one side's numbers for both "
-                    "(a MultiPatch rewritten by patchtransfer has bit-equal interfaces)",
+            text = "the patches lie on the same side of it, one folds back on the other"
+            findings.append((kind, f"interface {_name(f)}: {text}"))
+        a, b = patches[f.patch_a].weights, patches[f.patch_b].weights
+        weight_gap = 0.0
+        if a is not None and b is not None:
+            along_a, along_b = f.side_a.of(a), f.side_b.of(b)
+            weight_gap = float(np.abs(along_a - (along_b[::-1] if f.reversed else along_b)).max())
+        # The bounds on det J allow every knot this much, relative to the largest one: at least half the range.
+        knot_gap = knot_gap if knot_gap > KNOT_ULPS * EPS / 2 else 0.0
+        for what, size in (("control points", gap), ("weights", weight_gap), ("knots", knot_gap)):
+            if size != 0.0:
+                text = (
+                    f"{what} of the two sides differ by {size:.3g}; take one side's numbers for both (a MultiPatch "
+                    "rewritten by patchtransfer has bit-equal interfaces)"
                 )
-            )
-        if (patches[f.patch_a].weights is None) != (patches[f.patch_b].weights is None):
-            findings.append(("undecided", f"{name}: only one side has weights; make both rational"))
+                findings.append(("undecided", f"interface {_name(f)}: {text}"))
+        if (a is None) != (b is None):
+            findings.append(("undecided", f"interface {_name(f)}: only one side has weights; make both rational"))
     return findings
 
 
@@ -339,20 +346,6 @@ def _point_gaps(multipatch: MultiPatch) -> list[float]:
     points = np.concatenate([patch.control_points.reshape(-1, 2) for patch in multipatch.patches])
     gaps: list[float] = np.maximum.reduceat(np.abs(points[a] - points[b]).max(axis=1), starts).tolist()
     return gaps
-
-
-def _gaps(multipatch: MultiPatch) -> Iterable[list[tuple[str, float]]]:
-    """Differences between the two sides of every interface, where there are any."""
-    knots = multipatch.topology.knot_gaps
-    for f, points, knot_gap in zip(multipatch.interfaces, _point_gaps(multipatch), knots, strict=True):
-        gaps = [("control points", points)]
-        a, b = multipatch.patches[f.patch_a].weights, multipatch.patches[f.patch_b].weights
-        if a is not None and b is not None:
-            along_a, along_b = f.side_a.of(a), f.side_b.of(b)
-            gaps.append(("weights", float(np.abs(along_a - (along_b[::-1] if f.reversed else along_b)).max())))
-        # The bounds on det J allow every knot this much, relative to the largest one: at least half the range.
-        gaps.append(("knots", knot_gap if knot_gap > KNOT_ULPS * np.finfo(float).eps / 2 else 0.0))
-        yield [(what, gap) for what, gap in gaps if gap != 0.0]
 
 
 def check_boundary(loops: Iterable[Iterable[BSplineCurve]]) -> BoundaryReport:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .boundary_shape import corners, cyclic_gap, image_of
+from .boundary_shape import cyclic_gap, image_of
 from .outline import Outline
 from .splines import FloatArray, IntArray
 
@@ -22,7 +22,7 @@ def corners_between(anchors: FloatArray, source: Outline, target: Outline) -> Fl
     """Add the corners between landmarks where both arcs have equally many, turning alike, in order."""
     s, turn_s, arc_s = _corners_inside(anchors[:, 0], source)
     if len(s) == 0:
-        return close_turn(anchors[:-1], source, target, anchors)
+        return anchors
     t, turn_t, arc_t = _corners_inside(anchors[:, 1], target)
     n = len(anchors) - 1
     equal = np.bincount(arc_s, minlength=n) == np.bincount(arc_t, minlength=n)
@@ -35,7 +35,9 @@ def corners_between(anchors: FloatArray, source: Outline, target: Outline) -> Fl
 
 def _corners_inside(ends: FloatArray, outline: Outline) -> tuple[FloatArray, FloatArray, IntArray]:
     """Arc lengths, turning angles and arcs of the corners that are not next to an end of their arc, in order."""
-    at, turn = corners(outline)
+    at, turn = outline.corners
+    if len(at) == 0:
+        return at, turn, np.empty(0, np.int64)
     at = ends[0] + np.mod(at - ends[0], outline.length)
     order = np.argsort(at)
     at, turn = at[order], turn[order]
@@ -47,7 +49,9 @@ def _corners_inside(ends: FloatArray, outline: Outline) -> tuple[FloatArray, Flo
 
 def missed_corners(target: Outline, joints: FloatArray, k: int) -> list[str]:
     """Warnings on target corners off the images of the source's joints: its sides cannot follow them."""
-    at, _ = corners(target)
+    at, _ = target.corners
+    if len(at) == 0:
+        return []
     gap = cyclic_gap(at, np.mod(joints[:-1], target.length), target.length)
     missed = target.point(at[gap > CORNER_SNAP * target.length])
     return [
@@ -62,8 +66,8 @@ def snap_corners(anchors: FloatArray, source: Outline, target: Outline) -> Float
 
     An anchor at the corner itself gives way to it: landmarks are known to that accuracy only.
     """
-    s, turn_s = corners(source)
-    t, turn_t = corners(target)
+    s, turn_s = source.corners
+    t, turn_t = target.corners
     if len(s) == 0 or len(t) == 0:
         return anchors
     image = image_of(anchors, s)

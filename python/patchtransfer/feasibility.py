@@ -8,17 +8,15 @@ zero at 180°, and an upper bound of the result's minimum below.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .certificate import check_boundary
 from .errors import InfeasibleTargetError
-from .splines import BSplineCurve, FloatArray
+from .splines import BSplineCurve, FloatArray, IntArray
 
 __all__ = ["Corner", "check_corners", "check_loops", "check_target_corners", "corner_report"]
 
@@ -26,8 +24,7 @@ __all__ = ["Corner", "check_corners", "check_loops", "check_target_corners", "co
 ROUNDING = 8.0 * float(np.finfo(float).eps)
 
 
-@dataclass(frozen=True)
-class Corner:
+class Corner(NamedTuple):
     """A joint of two consecutive boundary curves.
 
     Attributes
@@ -112,74 +109,51 @@ def corner_report(loops: Sequence[Sequence[BSplineCurve]], single_patch: Sequenc
     list of Corner
         Loop by loop, joint by joint.
     """
-    corners, of_all = [], iter(_ends([curve for curves in loops for curve in curves]))
-    for k, (curves, flags) in enumerate(zip(loops, single_patch, strict=True)):
-        ends = list(islice(of_all, len(curves)))
-        for i, single in enumerate(flags):
-            corners.append(_corner(k, i, ends[i - 1], ends[i], bool(single)))
-    return corners
-
-
-class _Ends(NamedTuple):
-    """What a joint needs to know of a curve."""
-
-    start: tuple[float, float]
-    leaving: _Leg
-    arriving: _Leg
-    largest: float
-
-
-class _Leg(NamedTuple):
-    """First control difference that does not vanish, from the end of a curve inwards, and whether any was skipped."""
-
-    x: float
-    y: float
-    skipped: bool
-
-
-def _ends(curves: Sequence[BSplineCurve]) -> list[_Ends]:
+    curves = [curve for loop in loops for curve in loop]
     points = np.concatenate([curve.control_points for curve in curves])
-    last = np.cumsum([len(curve.control_points) for curve in curves]) - 1
-    first = np.concatenate([[0], last[:-1] + 1])
-    largest = np.maximum.reduceat(np.abs(points).max(axis=1), first)
-    ends = np.column_stack(
-        [points[first], points[first + 1] - points[first], points[last - 1] - points[last], largest]
-    ).tolist()
-    return [
-        _Ends((x, y), _leg(curve.control_points, a, b), _leg(curve.control_points[::-1], c, d), size)
-        for curve, (x, y, a, b, c, d, size) in zip(curves, ends, strict=True)
-    ]
-
-
-def _leg(points: FloatArray, x: float, y: float) -> _Leg:
-    """The leg at the first of a curve's points, (x, y) away from the second."""
-    if x or y:
-        return _Leg(x, y, False)
-    differences = points - points[0]
-    there = np.flatnonzero(differences.any(axis=1))
-    x, y = differences[there[0]].tolist() if len(there) else (0.0, 0.0)
-    return _Leg(x, y, True)
-
-
-def _corner(k: int, i: int, before: _Ends, after: _Ends, single: bool) -> Corner:
-    arriving, leaving, point = before.arriving, after.leaving, after.start
-    first, second = math.hypot(arriving.x, arriving.y), math.hypot(leaving.x, leaving.y)
-    if first == 0.0 or second == 0.0:
-        return Corner(k, i, point, math.nan, single, "degenerate" if single else "free", 0.0 if single else 1.0)
-    # The leg at the end of the curve before points back along it.
-    a, b, c, d = -arriving.x / first, -arriving.y / first, leaving.x / second, leaving.y / second
-    sine, cosine = a * d - b * c, a * c + b * d
+    sizes = np.array([len(curve.control_points) for curve in curves])
+    first = np.cumsum(sizes) - sizes
+    legs, skipped = _legs(curves, points, first, first + sizes - 1)
+    loop = np.repeat(np.arange(len(loops)), [len(curves) for curves in loops])
+    starts = np.searchsorted(loop, np.arange(len(loops)))
+    before = np.arange(len(curves)) - 1
+    before[starts] = np.append(starts[1:], len(curves)) - 1
+    # A curve's last leg points back along it.
+    arriving, leaving = -legs[1, before], legs[0]
+    lengths = np.column_stack([np.hypot(*arriving.T), np.hypot(*leaving.T)])
+    shapeless = (lengths == 0.0).any(axis=1)
+    lengths[shapeless] = 1.0
+    (a, b), (c, d) = (arriving / lengths[:, :1]).T, (leaving / lengths[:, 1:]).T
+    sine = a * d - b * c
     # The boundary turns left by the exterior angle; what is left of 180° lies inside.
-    angle = 180.0 - math.degrees(math.atan2(sine, cosine))
-    rounding = float(ROUNDING * (1.0 + max(before.largest, after.largest) * (1.0 / first + 1.0 / second)))
-    kind, bound = "regular", sine
-    if not single:
-        kind, bound = "free", 1.0
-    elif sine < -rounding:
-        kind = "infeasible"
-    elif sine <= rounding or arriving.skipped or leaving.skipped:
-        kind, bound = "degenerate", 0.0
-    return Corner(k, i, point, angle, single, kind, bound)
+    angle = 180.0 - np.degrees(np.arctan2(sine, a * c + b * d))
+    angle[shapeless] = np.nan
+    largest = np.maximum.reduceat(np.abs(points).max(axis=1), first)
+    rounding = ROUNDING * (1.0 + np.maximum(largest[before], largest) * (1.0 / lengths).sum(axis=1))
+    single = np.concatenate([np.asarray(flags, bool) for flags in single_patch])
+    kind = np.full(len(curves), "regular", dtype=object)
+    kind[(sine <= rounding) | skipped[1, before] | skipped[0] | shapeless] = "degenerate"
+    kind[(sine < -rounding) & ~shapeless] = "infeasible"
+    kind[~single] = "free"
+    bound = np.where(single, np.where(kind == "degenerate", 0.0, sine), 1.0)
+    columns = [loop, np.arange(len(curves)) - starts[loop], points[first], angle, single, kind, bound]
+    return [Corner(k, i, (x, y), *rest) for k, i, (x, y), *rest in zip(*(c.tolist() for c in columns), strict=True)]
+
+
+def _legs(
+    curves: Sequence[BSplineCurve], points: FloatArray, first: IntArray, last: IntArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """First control differences (2, n, 2) that do not vanish, at the starts and from the ends inwards.
+
+    And whether any was skipped, (2, n). `first` and `last` are the curves' ends among all control points.
+    """
+    legs = np.stack([points[first + 1] - points[first], points[last - 1] - points[last]])
+    skipped = ~legs.any(axis=2)
+    for end, k in np.argwhere(skipped):
+        inwards = curves[k].control_points[:: 1 - 2 * end]
+        differences = inwards - inwards[0]
+        legs[end, k] = differences[differences.any(axis=1).argmax()]
+    return legs, skipped
 
 
 def check_corners(

@@ -158,7 +158,7 @@ def fit_boundary(
     if parameters not in ("speed", "uniform"):
         raise InputError(f'parameters must be "speed" or "uniform", got {parameters!r}')
     uniform = parameters == "uniform"
-    diameter = float(np.linalg.norm(np.ptp(registration.loops[0].target.polygon(512), axis=0)))
+    diameter = registration.loops[0].target.diameter
     bases = _Bases()
     joints = [loop.joints for loop in registration.loops]
     turns = [loop.target.turn(x[:-1]) for loop, x in zip(registration.loops, joints, strict=True)]

@@ -42,7 +42,7 @@ def place_landmarks(rows: FloatArray, source: Sequence[Outline], target: Sequenc
     ):
         if len(rows) == 0:
             break
-        diameter = np.linalg.norm(np.ptp(outlines[0].polygon(256), axis=0))
+        diameter = outlines[0].diameter
         found = [outline.nearest(rows[:, columns]) for outline in outlines]
         distance = np.array([d for _, d in found])
         best = distance.argmin(axis=0)
@@ -61,11 +61,10 @@ def place_landmarks(rows: FloatArray, source: Sequence[Outline], target: Sequenc
 def pair_by_landmarks(placed: NDArray[np.void]) -> dict[int, int]:
     """Target loop of every source loop that landmarks pair, and of the outer loop."""
     partner = {0: 0}
-    for row in placed:
-        k, t = int(row["source_loop"]), int(row["target_loop"])
+    for row, k, t in placed[["row", "source_loop", "target_loop"]].tolist():
         if partner.setdefault(k, t) != t or any(other != k and partner[other] == t for other in partner):
             raise InputError(
-                f"landmark row {int(row['row']) + 1} pairs source loop {k} with target loop {t}, other rows (or the "
+                f"landmark row {row + 1} pairs source loop {k} with target loop {t}, other rows (or the "
                 "outer loops) pair them differently; a loop has one partner"
             )
     return partner

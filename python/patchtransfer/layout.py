@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .boundary_shape import CORNER
 from .errors import InputError
 from .landmarks import SNAP_DISTANCE
 from .multipatch import Boundary, MultiPatch
@@ -235,8 +234,7 @@ def _landmarks(layout: QuadLayout, boundary: Boundary, assignment: Mapping[int, 
 def _check_corners(layout: QuadLayout, start: MultiPatch, boundary: Boundary, landmarks: FloatArray) -> None:
     """Raise if the boundary has a corner inside a layout edge, which one smooth side cannot follow."""
     for loop in register(start.boundary().loops, boundary, landmarks).loops:
-        breaks = loop.target.piece_breaks
-        corners = breaks[abs(loop.target.turn(breaks)) > CORNER]
+        corners, _ = loop.target.corners
         joints = np.mod(loop.joints[:-1], loop.target.length)
         gap = abs(corners[:, None] - joints)
         gap = np.minimum(gap, loop.target.length - gap)

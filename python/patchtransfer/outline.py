@@ -11,7 +11,10 @@ from . import _core
 from .packing import PackedCurves, pack_curves, unpack_curves
 from .splines import BSplineCurve, FloatArray
 
-__all__ = ["Outline", "hausdorff"]
+__all__ = ["CORNER", "Outline", "hausdorff"]
+
+#: A joint that turns by more is a corner (radians).
+CORNER = np.radians(15.0)
 
 
 class Outline:
@@ -52,6 +55,11 @@ class Outline:
         return self.core.joints
 
     @cached_property
+    def diameter(self) -> float:
+        """Diagonal of the bounding box (of 4 to 16 samples a Bézier piece)."""
+        return self.core.diameter
+
+    @cached_property
     def _packed(self) -> PackedCurves:
         return pack_curves(self.curves)
 
@@ -89,9 +97,11 @@ class Outline:
         return self.core.piece_starts
 
     @cached_property
-    def piece_turns(self) -> FloatArray:
-        """Turning angles at `piece_breaks`."""
-        return self.turn(self.piece_breaks)
+    def corners(self) -> tuple[FloatArray, FloatArray]:
+        """Arc lengths and signed turning angles (radians) of the corners."""
+        turn = self.turn(self.piece_breaks)
+        sharp = abs(turn) > CORNER
+        return self.piece_breaks[sharp], turn[sharp]
 
     @cached_property
     def samples(self) -> tuple[FloatArray, FloatArray]:

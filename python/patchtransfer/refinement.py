@@ -131,7 +131,7 @@ def missed_spans(
     list of (patch, axis, parameter)
         Ready for `insert_in_strips`; with at least the worst span, whatever the tolerance.
     """
-    diameter = float(np.linalg.norm(np.ptp(registration.loops[0].target.polygon(512), axis=0)))
+    diameter = registration.loops[0].target.diameter
     compared = []
     for loop, fits in zip(registration.loops, fitted.loops, strict=True):
         curves = [fit.curve for fit in fits]

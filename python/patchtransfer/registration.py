@@ -323,15 +323,20 @@ def _check_curves(target: Boundary, outlines: Sequence[Outline]) -> None:
 def _check_loops(outlines: Sequence[Outline]) -> None:
     """Raise `InputError` on loops that lie on a line and on loops that are there twice."""
     for k, outline in enumerate(outlines):
-        points = outline.polygon(64)
-        if np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] <= SHORTEST * outline.length:
+        # A loop on a line has no area; one that crosses itself may have none either.
+        if abs(outline.area) <= SHORTEST * outline.length**2 and _on_a_line(outline):
             raise InputError(f"target boundary: loop {k} encloses no area: it lies on one line; correct it")
         for j, other in enumerate(outlines[:k]):
             # Most pairs differ in length: measuring distances is for the few that do not.
             if abs(outline.length - other.length) <= 1e-6 * outline.length:
-                distance = other.nearest(points)[1].max()
+                distance = other.nearest(outline.polygon(64))[1].max()
                 if distance <= 1e-6 * outline.length:
                     raise InputError(f"target boundary: loops {j} and {k} lie on each other; delete one of them")
+
+
+def _on_a_line(outline: Outline) -> bool:
+    points = outline.polygon(64)
+    return bool(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] <= SHORTEST * outline.length)
 
 
 def _place_marked(loop: LoopRegistration) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from .areas import numbered, side_areas, signed_areas
+from .areas import SideGroup, enclosed_areas, group_sides, numbered, signed_areas
 from .errors import InputError
 from .multipatch import Interface, MultiPatch, Side
 from .splines import BSplineCurve, FloatArray, IntArray, Patch, reverse_knots
@@ -337,7 +337,8 @@ class Topology:
         # The domain is on the left, so the outer loop is the one that runs counter-clockwise.
         if len(self._chains) < 2:
             return self._chains
-        return tuple(self._chains[k] for k in np.argsort(-self._loop_areas(), kind="stable"))
+        areas = enclosed_areas(self.patches, self._sides_of_chains, len(self._chains))
+        return tuple(self._chains[k] for k in np.argsort(-areas, kind="stable"))
 
     @oriented
     def _chains(self) -> tuple[tuple[BoundarySide, ...], ...]:
@@ -373,17 +374,15 @@ class Topology:
             loops.append(tuple(loop))
         return tuple(loops)
 
-    def _loop_areas(self) -> FloatArray:
-        """Signed areas that the chains enclose."""
-        sides: list[tuple[Patch, Side, FloatArray]] = []
-        signs: list[float] = []
-        starts: list[int] = []
-        for loop in self._chains:
-            starts.append(len(sides))
-            first = self.coordinates[loop[0].points(self.points[loop[0].patch])[0]]
-            sides += [(self.patches[side.patch], side.side, first) for side in loop]
-            signs += [-1.0 if side.reversed else 1.0 for side in loop]
-        return np.asarray(np.add.reduceat(signs * side_areas(sides), starts))
+    @oriented
+    def _sides_of_chains(self) -> list[SideGroup]:
+        """The sides of the chains, for the areas that these enclose."""
+        numbers = numbered([patch.shape for patch in self.patches])
+        sides = []
+        for k, chain in enumerate(self._chains):
+            origin = int(chain[0].points(numbers[chain[0].patch])[0])
+            sides += [(k, side.patch, side.side, -1.0 if side.reversed else 1.0, origin) for side in chain]
+        return group_sides(self.patches, sides)
 
     @combinatorial
     def vertices(self) -> tuple[Vertex, ...]:
@@ -399,6 +398,15 @@ class Topology:
     def directed_interfaces(self) -> tuple[BoundarySide, ...]:
         """Side a of every interface, run with patch a on its left."""
         return tuple(self.directed_side(f.patch_a, f.side_a) for f in self.interfaces)
+
+    @oriented
+    def folded_over(self) -> frozenset[int]:
+        """Interfaces (indices) whose patches lie on the same side of them: one folds back on the other."""
+        return frozenset(
+            i
+            for i, (f, a) in enumerate(zip(self.interfaces, self.directed_interfaces, strict=True))
+            if (a.reversed != self.directed_side(f.patch_b, f.side_b).reversed) == f.reversed
+        )
 
     @oriented
     def spokes(self) -> dict[int, tuple[Spoke, ...]]:

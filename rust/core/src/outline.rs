@@ -122,6 +122,12 @@ impl Outline {
         self.table[self.table.len() - 1]
     }
 
+    /// Diagonal of the bounding box of the samples.
+    pub fn diameter(&self) -> f64 {
+        let [x0, y0, x1, y1] = self.boxes[1];
+        norm([x1 - x0, y1 - y0])
+    }
+
     /// Signed area of the polygon of the samples, positive when the loop runs counter-clockwise.
     pub fn area(&self) -> f64 {
         // About a sample: far from the origin the products would lose the area.

@@ -29,6 +29,11 @@ impl Outline {
     }
 
     #[getter]
+    fn diameter(&self) -> f64 {
+        self.core.diameter()
+    }
+
+    #[getter]
     fn area(&self) -> f64 {
         self.core.area()
     }
