@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,7 @@ from .splines import FloatArray
 __all__ = ["ContinuityReport", "InterfaceContinuity", "Kink", "VertexContinuity", "check_continuity"]
 
 
-@dataclass(frozen=True)
-class Kink:
+class Kink(NamedTuple):
     """Angle in degrees by which iso-lines bend where they cross interfaces.
 
     `at` is (patch, side, t), where the largest kink is, t in the side's own knots; None without interfaces.
@@ -38,8 +37,7 @@ class Kink:
         return {"mean": self.mean, "max": self.max, "at": at}
 
 
-@dataclass(frozen=True)
-class InterfaceContinuity:
+class InterfaceContinuity(NamedTuple):
     """Continuity across one interface.
 
     Attributes
@@ -87,8 +85,7 @@ class InterfaceContinuity:
         }
 
 
-@dataclass(frozen=True)
-class VertexContinuity:
+class VertexContinuity(NamedTuple):
     """How well analysis-suitable gluing holds at an extraordinary vertex.
 
     Vertex rows of ``continuity="c1"`` hold with gluing data that bend near the vertex, so these numbers do not vanish
@@ -256,8 +253,11 @@ def _chord_ratios(mp: MultiPatch, layout: InterfaceLayout, found: Sequence[Measu
         # Run with the chord, patch a is on the left, or run against it, on the right.
         signs = {i: 1 if forward else -1 for i, forward in chord}
         rows = [sign * x for i, sign in signs.items() for x in logs[i]]
-        speeds = sum(sign * float(means[i, 0]) for i, sign in signs.items())
-        mean = median(rows) if rows else speeds / max(sum(float(means[i, 1]) for i in signs), 1.0)
+        if rows:
+            mean = median(rows)
+        else:
+            speeds, counts = (means[list(signs)] * [[sign, 1.0] for sign in signs.values()]).sum(axis=0)
+            mean = speeds / max(counts, 1.0)
         for i, sign in signs.items():
             ratios[i] = math.exp(sign * mean)
     return ratios
@@ -268,18 +268,18 @@ def _reports(
 ) -> Iterator[InterfaceContinuity]:
     """The interfaces of a group, with ω_a / ω_b given."""
     first, second = found.across
-    size = (ratios * group.scales[0] + group.scales[1]) * mp.diameter
+    diameter = mp.diameter
+    size = (ratios * group.scales[0] + group.scales[1]) * diameter
     rows = norms(ratios[:, None, None] * first + second) / size[:, None]
     kept = rows if group.rational else np.where(group.kept, rows, 0.0)
-    columns = [found.gap / mp.diameter, kept.max(axis=1), rows.max(axis=1), ratios]
-    columns += [found.angle_sum / np.maximum(found.count, 1), found.angle_max, found.angle_max_at, found.as_g1]
+    at = group.domains[:, 0] + found.angle_max_at * np.diff(group.domains)[:, 0]
+    columns = [found.gap / diameter, kept.max(axis=1), rows.max(axis=1), ratios]
+    columns += [found.angle_sum / np.maximum(found.count, 1), found.angle_max, at, found.as_g1]
     numbers = np.column_stack(columns).tolist()
-    for i, (gap, c1, c1_all, ratio, mean, most, at, as_g1), gluing in zip(
-        group.members, numbers, found.gluing.tolist(), strict=True
+    for i, (gap, c1, c1_all, ratio, mean, most, t, as_g1), gluing in zip(
+        group.members.tolist(), numbers, found.gluing.tolist(), strict=True
     ):
         f = mp.interfaces[i]
-        knots = mp.patches[f.patch_a].knots[f.side_a.axis]
-        t = float(knots[0] + at * (knots[-1] - knots[0]))
         kink = Kink(mean, most, (f.patch_a, f.side_a, t))
         yield InterfaceContinuity(f, gap, c1, c1_all, ratio, kink, as_g1, tuple(gluing))
 

@@ -148,7 +148,7 @@ def _legs(
     And whether any was skipped, (2, n). `first` and `last` are the curves' ends among all control points.
     """
     legs = np.stack([points[first + 1] - points[first], points[last - 1] - points[last]])
-    skipped = ~legs.any(axis=2)
+    skipped = np.logical_not(legs.any(axis=2))
     for end, k in np.argwhere(skipped):
         inwards = curves[k].control_points[:: 1 - 2 * end]
         differences = inwards - inwards[0]

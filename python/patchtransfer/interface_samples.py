@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +18,19 @@ from .topology import Vertex
 
 __all__ = ["InterfaceGroup", "InterfaceLayout", "Measured", "coordinates", "interface_layout", "measure", "norms"]
 
+#: Which of D_a, D_b and C' the coefficients of the gluing data multiply.
+OF_VECTOR = np.array([0, 0, 1, 1, 2, 2, 2])
+#: Both ends of an interface, among its samples.
+ENDS = [0, -1]
+
 
 @dataclass(frozen=True)
 class InterfaceGroup:
     """Interfaces of equal degree and knots along them, each in the sense of its side a.
 
     `rows` (4, k, n) are entries of the control points of all patches, one patch after the other: side a, side b, and
-    the next row inwards of each. `scales` (2, k) are p/h across, `kept` (k, n) the C1 rows that count.
+    the next row inwards of each. `scales` (2, k) are p/h across, `kept` (k, n) the C1 rows that count, `domains` (k, 2)
+    the first and last knot of side a.
     """
 
     members: IntArray
@@ -32,6 +40,7 @@ class InterfaceGroup:
     rows: IntArray
     scales: FloatArray
     kept: NDArray[np.bool_]
+    domains: FloatArray
 
 
 @dataclass(frozen=True)
@@ -77,10 +86,11 @@ def _new_layout(mp: MultiPatch) -> InterfaceLayout:
     entries = numbered([patch.shape for patch in mp.patches])
     members: dict[tuple[bytes, int, bool], list[int]] = defaultdict(list)
     spokes: dict[int, list[tuple[int, int]]] = defaultdict(list)
-    rows, scales, kept = [], [], []
+    rows, scales, kept, domains = [], [], [], []
     for i, f in enumerate(mp.interfaces):
         a, b = mp.patches[f.patch_a], mp.patches[f.patch_b]
         knots = a.knots[f.side_a.axis]
+        domains.append(knots[[0, -1]])
         knots = (knots - knots[0]) / (knots[-1] - knots[0])
         rational = a.weights is not None or b.weights is not None
         members[knots.tobytes(), a.degrees[f.side_a.axis], rational].append(i)
@@ -104,6 +114,7 @@ def _new_layout(mp: MultiPatch) -> InterfaceLayout:
             rows=np.stack([rows[i] for i in index], axis=1),
             scales=np.array([scales[i] for i in index]).T,
             kept=np.array([kept[i] for i in index]),
+            domains=np.array([domains[i] for i in index]),
         )
         for (knots, degree, rational), index in members.items()
     ]
@@ -133,7 +144,8 @@ def coordinates(mp: MultiPatch) -> FloatArray:
 
 def measure(group: InterfaceGroup, control: FloatArray, samples: int) -> Measured:
     """Measure the interfaces of a group at once: arrays (k, m, 2), k interfaces, m parameters."""
-    t, basis = span_basis(group.knots, group.degree, samples)
+    sampled = _samples(group.knots.tobytes(), group.degree, samples)
+    t, basis = sampled.t, sampled.basis
     side_a, side_b, next_a, next_b = control[group.rows]
     slope_a, slope_b = (
         scale[:, None, None] * (inner - side)
@@ -148,7 +160,7 @@ def measure(group: InterfaceGroup, control: FloatArray, samples: int) -> Measure
     exists = (length_a > 0) & (length_b > 0)
     angles = np.where(exists, np.degrees(np.arctan2(np.abs(cross), dot)), 0.0)
     log_ratios = np.log(np.where(exists, length_b, 1.0) / np.where(exists, length_a, 1.0))
-    as_g1, gluing, end_residuals = _gluing(t, (first, second, tangent), (turn_a, turn_b, bend))
+    as_g1, gluing, end_residuals = _gluing(sampled, (first, second, tangent), (turn_a, turn_b, bend))
     gaps = norms(_projected(side_a) - _projected(side_b)).max(axis=1)
     if group.rational:
         # Control points decide (0 when bit-equal); weights that differ can open a gap between them.
@@ -204,42 +216,49 @@ def _across(h: FloatArray, e: FloatArray, basis: tuple[FloatArray, ...]) -> tupl
 
 
 def _gluing(
-    t: FloatArray, vectors: tuple[FloatArray, ...], slopes: tuple[FloatArray, ...]
+    samples: _Samples, vectors: tuple[FloatArray, ...], slopes: tuple[FloatArray, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Residuals (k,), gluing data (k, 7) and end residuals (k, 2, 2) of a D_a + b D_b = c C'."""
-    scaled = []
-    for v, dv in zip(vectors, slopes, strict=True):
-        largest = norms(v).max(axis=1)
-        largest[largest == 0] = 1.0
-        scaled.append((v / largest[:, None, None], dv / largest[:, None, None]))
-    (a, da), (b, db), (c, dc) = scaled
-    linear = np.stack([1 - t, t])
-    quadratic = -np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2])
-
-    def columns(x: FloatArray, y: FloatArray, z: FloatArray, one: FloatArray, two: FloatArray) -> FloatArray:
-        # (k, m, 2, 7)
-        parts = [v[..., None] * w.T[:, None, :] for v, w in ((x, one), (y, one), (z, two))]
-        return np.concatenate(parts, axis=3)
-
-    system = columns(a, b, c, linear, quadratic)
-    # Trapezoidal weights: the singular values converge with the number of samples.
-    weights = np.sqrt(_trapezoidal(t))
-    flat = (system * weights[:, None, None]).reshape(len(system), -1, 7)
+    v = np.stack(vectors, axis=3)
+    largest = np.hypot(v[:, :, 0], v[:, :, 1]).max(axis=1)
+    largest[largest == 0] = 1.0
+    v = (v / largest[:, None, None])[..., OF_VECTOR]
+    flat = (v * samples.weighted[:, None]).reshape(len(v), -1, len(OF_VECTOR))
     # The triangular factor has the same singular values and right vectors, and is far smaller.
     _, sigma, vt = np.linalg.svd(np.linalg.qr(flat, mode="r"), full_matrices=False)
-    ends = [0, -1]
-    d_linear, d_quadratic = np.array([[-1.0] * 2, [1.0] * 2]), np.array([[2.0, 0], [-2, 2], [0, -2]])
-    moved = columns(da[:, ends], db[:, ends], dc[:, ends], linear[:, ends], quadratic[:, ends])
-    slope = moved + columns(a[:, ends], b[:, ends], c[:, ends], d_linear, d_quadratic)
     x = _nearest_to_one(sigma, vt)
-    at_ends = [norms(np.einsum("kexi,ki->kex", m, x)) for m in (system[:, ends], slope)]
+    dv = (np.stack([slope[:, ENDS] for slope in slopes], axis=3) / largest[:, None, None])[..., OF_VECTOR]
+    rows = v[:, ENDS] * samples.ends
+    slope_rows = dv * samples.ends + v[:, ENDS] * samples.end_slopes
+    at_ends = [norms((m @ x[:, None, :, None])[..., 0]) for m in (rows, slope_rows)]
     return sigma[:, -1] / sigma[:, 0], x, np.stack(at_ends, axis=2)
 
 
-def _trapezoidal(t: FloatArray) -> FloatArray:
-    """Weights of the composite trapezoidal rule at `t`, where breaks occur twice."""
+class _Samples(NamedTuple):
+    """Parameters (m,) with bases, and what every coefficient of the gluing data is multiplied by there, but vectors.
+
+    `weighted` (m, 7) holds the roots of trapezoidal weights, with which the singular values converge with the number of
+    samples; `ends` and `end_slopes` (2, 1, 7) do not.
+    """
+
+    t: FloatArray
+    basis: tuple[FloatArray, ...]
+    weighted: FloatArray
+    ends: FloatArray
+    end_slopes: FloatArray
+
+
+@lru_cache(maxsize=256)
+def _samples(knot_bytes: bytes, degree: int, samples: int) -> _Samples:
+    t, basis = span_basis(np.frombuffer(knot_bytes), degree, samples)
+    # a and b linear, c quadratic and on the other side of the equation: in Bernstein form.
+    linear, quadratic = [1 - t, t], [-((1 - t) ** 2), -2 * t * (1 - t), -(t**2)]
+    factors = np.stack([*linear, *linear, *quadratic], axis=1)
+    end_slopes = np.array([[-1, 1, -1, 1, 2, -2, 0], [-1, 1, -1, 1, 0, 2, -2.0]])
+    # The breaks occur twice, with half a step each.
     steps = np.diff(t)
-    return (np.append(steps, 0.0) + np.insert(steps, 0, 0.0)) / 2
+    weights = (np.append(steps, 0.0) + np.insert(steps, 0, 0.0)) / 2
+    return _Samples(t, basis, np.sqrt(weights)[:, None] * factors, factors[ENDS, None], end_slopes[:, None])
 
 
 def _nearest_to_one(sigma: FloatArray, vt: FloatArray) -> FloatArray:
