@@ -4,7 +4,8 @@
 //! angle is found together with those of all others.
 
 use crate::outline::Outline;
-use crate::side_fit::{Basis, Side};
+use crate::sampled_basis::SampledBasis;
+use crate::side_fit::Side;
 use crate::tridiagonal::solve_cyclic;
 use rayon::prelude::*;
 
@@ -18,7 +19,7 @@ const LIFT: f64 = 1e-9;
 /// Sides that are fitted together.
 pub struct BoundaryFit<'a> {
     outlines: Vec<&'a Outline>,
-    bases: &'a [Basis],
+    bases: &'a [SampledBasis],
     sides: &'a mut [Side],
     joints: &'a [[usize; 2]],
 }
@@ -28,14 +29,14 @@ impl<'a> BoundaryFit<'a> {
     /// of the loops.
     pub fn new(
         outlines: Vec<&'a Outline>,
-        bases: &'a [Basis],
+        bases: &'a [SampledBasis],
         sides: &'a mut [Side],
         joints: &'a [[usize; 2]],
     ) -> Self {
         Self { outlines, bases, sides, joints }
     }
 
-    fn each(&mut self, work: impl Fn(&mut Side, &Basis, &Outline) + Sync) {
+    fn each(&mut self, work: impl Fn(&mut Side, &SampledBasis, &Outline) + Sync) {
         let (outlines, bases) = (&self.outlines, self.bases);
         let one = |side: &mut Side| {
             let [basis, outline] = side.refers_to();
@@ -53,7 +54,7 @@ impl<'a> BoundaryFit<'a> {
         self.each(|side, basis, outline| {
             side.sample(outline);
             side.linearise(basis, true);
-            side.solve();
+            side.solve(basis);
         });
     }
 
@@ -61,9 +62,9 @@ impl<'a> BoundaryFit<'a> {
     pub fn linearise(&mut self, level: bool) {
         self.each(|side, basis, outline| {
             if level {
-                side.level(basis);
+                side.level();
             }
-            side.slide(basis);
+            side.slide();
             side.sample(outline);
             side.linearise(basis, false);
         });
@@ -71,22 +72,22 @@ impl<'a> BoundaryFit<'a> {
 
     /// Control points of the normal equations' solution.
     pub fn solve(&mut self) {
-        self.each(|side, _, _| side.solve());
+        self.each(|side, basis, _| side.solve(basis));
     }
 
     /// See the method of a side.
     pub fn hold_ends(&mut self, most: f64) {
-        self.each(|side, _, _| side.hold_ends(most));
+        self.each(|side, basis, _| side.hold_ends(basis, most));
     }
 
     /// See the method of a side.
     pub fn errors(&self, whole: bool) -> Vec<f64> {
-        self.sides.iter().map(|side| side.error(&self.bases[side.refers_to()[0]], whole)).collect()
+        self.sides.iter().map(|side| side.error(whole)).collect()
     }
 
     /// Way that every side backs up against the target; where there is any it has loops or cusps.
     pub fn backwards(&self) -> Vec<f64> {
-        self.sides.iter().map(|side| side.backwards(&self.bases[side.refers_to()[0]])).collect()
+        self.sides.iter().map(Side::backwards).collect()
     }
 
     /// Put both legs of every smooth joint on the mean of their directions.

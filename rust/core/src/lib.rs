@@ -28,6 +28,7 @@ pub mod outline;
 pub mod quadrature;
 pub mod quality;
 mod quasi_newton;
+pub mod sampled_basis;
 pub mod side_fit;
 pub mod simple_loops;
 pub mod sparse;

@@ -21,6 +21,8 @@ pub struct Outline {
     /// Homogeneous Bézier points, `degree + 1` a piece.
     pieces: Vec<[f64; 3]>,
     degree: usize,
+    /// All weights are 1.
+    polynomial: bool,
     /// Increasing arc lengths, `intervals` a piece and the total length.
     table: Vec<f64>,
     intervals: usize,
@@ -63,6 +65,7 @@ impl Outline {
         let mut outline = Self {
             pieces,
             degree,
+            polynomial: curves.iter().all(|c| c.weights.is_none()),
             table: vec![0.0],
             intervals,
             first,
@@ -191,8 +194,16 @@ impl Outline {
 
     /// Point and derivative with respect to the local parameter (de Casteljau).
     fn on_piece(&self, piece: usize, t: f64, scratch: &mut Vec<[f64; 3]>) -> ([f64; 2], [f64; 2]) {
+        let points = &self.pieces[piece * (self.degree + 1)..][..self.degree + 1];
+        match (self.polynomial, self.degree) {
+            (true, 1) => return casteljau::<2>(points, t),
+            (true, 2) => return casteljau::<3>(points, t),
+            (true, 3) => return casteljau::<4>(points, t),
+            (true, 4) => return casteljau::<5>(points, t),
+            _ => (),
+        }
         scratch.clear();
-        scratch.extend_from_slice(&self.pieces[piece * (self.degree + 1)..][..self.degree + 1]);
+        scratch.extend_from_slice(points);
         for level in (2..=self.degree).rev() {
             for i in 0..level {
                 for d in 0..3 {
@@ -374,6 +385,18 @@ impl Outline {
         }
         best
     }
+}
+
+/// Point and derivative of a polynomial piece of degree `N - 1`, all in registers.
+fn casteljau<const N: usize>(points: &[[f64; 3]], t: f64) -> ([f64; 2], [f64; 2]) {
+    let mut p: [[f64; 2]; N] = std::array::from_fn(|i| [points[i][0], points[i][1]]);
+    for level in (2..N).rev() {
+        for i in 0..level {
+            p[i] = std::array::from_fn(|d| p[i][d] + t * (p[i + 1][d] - p[i][d]));
+        }
+    }
+    let step: [f64; 2] = std::array::from_fn(|d| p[1][d] - p[0][d]);
+    (std::array::from_fn(|d| p[0][d] + t * step[d]), step.map(|x| (N - 1) as f64 * x))
 }
 
 /// Room for an evaluation, and where the last one was: the next one is often nearby.

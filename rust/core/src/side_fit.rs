@@ -5,6 +5,7 @@
 //! The first and the last leg of the control polygon may be held on a line through the end point.
 
 use crate::outline::{Outline, Scratch};
+use crate::sampled_basis::SampledBasis;
 
 /// A side that goes on more slowly than this part of the given speed counts as backing up by what is lacking: where it
 /// nearly stops it is next to a cusp, and patches behind get thin.
@@ -13,32 +14,6 @@ const SLOWEST: f64 = 0.05;
 /// A leg that strays from the outline's tangent too far is put on a line nearer by this angle (25 degrees) than the
 /// limit: at the limit itself corners of patches get thin, and the tangent is too far off where the limit is wide.
 const TURNED_BACK: f64 = 0.436_332_312_998_582_4;
-
-/// Values of all basis functions (columns) at the samples (rows).
-#[derive(Clone, Debug)]
-pub struct Basis {
-    /// Number of control points.
-    pub n: usize,
-    /// Row-major values; the first row belongs to the start of the curve, the last to its end.
-    pub values: Vec<f64>,
-    /// Inner control points that matter at every sample: from and to, beyond the last.
-    support: Vec<[usize; 2]>,
-}
-
-impl Basis {
-    /// Row-major values for `n` control points.
-    pub fn new(n: usize, values: Vec<f64>) -> Self {
-        let support = values
-            .chunks_exact(n)
-            .map(|row| {
-                let inner = &row[1..n - 1];
-                let first = inner.iter().position(|&b| b != 0.0).unwrap_or(0);
-                [first, inner.iter().rposition(|&b| b != 0.0).map_or(first, |last| last + 1)]
-            })
-            .collect();
-        Self { n, values, support }
-    }
-}
 
 /// What a side is fitted to.
 #[derive(Clone, Debug)]
@@ -86,6 +61,8 @@ pub struct Side {
     lines: [Option<[f64; 2]>; 2],
     /// Points and tangents of the outline at the arc lengths.
     target: Vec<[f64; 4]>,
+    /// Points of the curve there.
+    curve: Vec<[f64; 2]>,
     /// Normal equations of the inner control points, coordinates interleaved.
     normal: Vec<f64>,
     right: Vec<f64>,
@@ -97,11 +74,17 @@ pub type Turning = ([[f64; 2]; 2], [f64; 2]);
 
 impl Side {
     /// `slide_error`: sliding by the whole side costs as much as this error, squared.
-    pub fn new(data: SideData, basis: &Basis, slide_error: f64, damping: f64, shortest_leg: f64) -> Self {
+    pub fn new(
+        data: SideData,
+        basis: &SampledBasis,
+        slide_error: f64,
+        damping: f64,
+        shortest_leg: f64,
+    ) -> Self {
         let k = data.lengths.len();
         let span = data.lengths[k - 1] - data.lengths[0];
-        let mut control = vec![data.ends[0]; basis.n];
-        control[basis.n - 1] = data.ends[1];
+        let mut control = vec![data.ends[0]; basis.control_points()];
+        control[basis.control_points() - 1] = data.ends[1];
         Self {
             lengths: data.lengths.clone(),
             hold: (slide_error / span).powi(2),
@@ -110,6 +93,7 @@ impl Side {
             weights: vec![1.0; k - 2],
             lines: [None; 2],
             target: vec![],
+            curve: vec![],
             normal: vec![],
             right: vec![],
             control,
@@ -132,22 +116,17 @@ impl Side {
         }
     }
 
-    fn point(&self, basis: &Basis, k: usize) -> [f64; 2] {
-        let row = &basis.values[k * basis.n..][..basis.n];
-        row.iter().zip(&self.control).fold([0.0; 2], |p, (b, c)| [p[0] + b * c[0], p[1] + b * c[1]])
-    }
-
     /// Residual of sample `k`, along the target's tangent and across.
-    fn residual(&self, basis: &Basis, k: usize) -> [f64; 2] {
-        let (p, [x, y, tx, ty]) = (self.point(basis, k), self.target[k]);
+    fn residual(&self, k: usize) -> [f64; 2] {
+        let (p, [x, y, tx, ty]) = (self.curve[k], self.target[k]);
         let d = [p[0] - x, p[1] - y];
         [d[0] * tx + d[1] * ty, d[1] * tx - d[0] * ty]
     }
 
     /// Give samples weight by their residual, so that the largest ones come down (Lawson).
-    pub fn level(&mut self, basis: &Basis) {
+    pub fn level(&mut self) {
         let size = |k: usize| {
-            let [along, across] = self.residual(basis, k + 1);
+            let [along, across] = self.residual(k + 1);
             along.hypot(across)
         };
         let residual: Vec<f64> = (0..self.weights.len()).map(size).collect();
@@ -158,74 +137,59 @@ impl Side {
     }
 
     /// Move the inner samples towards the feet of the perpendiculars from the curve.
-    pub fn slide(&mut self, basis: &Basis) {
+    pub fn slide(&mut self) {
         let (first, last) = (self.lengths[0], self.lengths[self.lengths.len() - 1]);
         for k in 1..self.lengths.len() - 1 {
-            self.lengths[k] = (self.lengths[k] + self.residual(basis, k)[0]).clamp(first, last);
+            self.lengths[k] = (self.lengths[k] + self.residual(k)[0]).clamp(first, last);
         }
     }
 
     /// Normal equations, residuals counted across the target (`isotropic`: alike in all directions).
-    pub fn linearise(&mut self, basis: &Basis, isotropic: bool) {
-        let (m, n) = (self.inner(), basis.n);
-        let size = 2 * m;
-        self.normal.clear();
-        self.normal.resize(size * size, 0.0);
-        self.right.clear();
-        self.right.resize(size, 0.0);
+    pub fn linearise(&mut self, basis: &SampledBasis, isotropic: bool) {
         let along = if isotropic { 1.0 } else { self.damping + self.hold };
         // The damping pulls to where the sample is now, the hold to where it started: one pull to a point in between.
         let back = self.hold / (self.damping + self.hold);
-        for (k, w) in self.weights.iter().enumerate().map(|(k, w)| (k + 1, w)) {
-            let [x, y, tx, ty] = self.target[k];
-            let row = &basis.values[k * n..][..n];
-            let pull = back * (self.data.lengths[k] - self.lengths[k]);
-            let (a, b) = (row[0], row[n - 1]);
-            let rest = [
-                x + pull * tx - a * self.data.ends[0][0] - b * self.data.ends[1][0],
-                y + pull * ty - a * self.data.ends[0][1] - b * self.data.ends[1][1],
-            ];
+        let pulled = self.target.iter().zip(&self.data.lengths).zip(&self.lengths);
+        let mut wanted: Vec<[f64; 2]> = pulled
+            .map(|(([x, y, tx, ty], start), now)| {
+                let pull = back * (start - now);
+                [x + pull * tx, y + pull * ty]
+            })
+            .collect();
+        for (i, end) in [0, basis.control_points() - 1].into_iter().zip(self.data.ends) {
+            basis.add(i, end.map(|x| -x), &mut wanted);
+        }
+        // Metrics xx, xy, yy, and the wanted points in them, at all samples; the ends have none.
+        let mut terms = vec![0.0; 5 * basis.samples];
+        let [xx, xy, yy, x, y] = {
+            let mut rows = terms.chunks_exact_mut(basis.samples);
+            std::array::from_fn(|_| rows.next().expect("five rows"))
+        };
+        for (k, w) in (1..).zip(&self.weights) {
+            let [_, _, tx, ty] = self.target[k];
             let reduce = w * (1.0 - along);
-            let metric = [w - reduce * tx * tx, -reduce * tx * ty, w - reduce * ty * ty];
-            let weighted =
-                [metric[0] * rest[0] + metric[1] * rest[1], metric[1] * rest[0] + metric[2] * rest[1]];
-            let [from, to] = basis.support[k];
-            for i in from..to {
-                let bi = row[i + 1];
-                self.right[2 * i] += bi * weighted[0];
-                self.right[2 * i + 1] += bi * weighted[1];
-                for j in from..=i {
-                    let product = bi * row[j + 1];
-                    let at = 2 * i * size + 2 * j;
-                    self.normal[at] += product * metric[0];
-                    self.normal[at + 1] += product * metric[1];
-                    self.normal[at + size] += product * metric[1];
-                    self.normal[at + size + 1] += product * metric[2];
-                }
-            }
+            (xx[k], xy[k], yy[k]) = (w - reduce * tx * tx, -reduce * tx * ty, w - reduce * ty * ty);
+            x[k] = xx[k] * wanted[k][0] + xy[k] * wanted[k][1];
+            y[k] = xy[k] * wanted[k][0] + yy[k] * wanted[k][1];
         }
-        for i in 0..size {
-            for j in 0..i {
-                self.normal[j * size + i] = self.normal[i * size + j];
-            }
-        }
+        basis.normal_matrix([xx, xy, yy], &mut self.normal);
+        basis.moments(x, y, &mut self.right);
     }
 
     /// Largest distance of the samples, across the target only or (`whole`) from the sample's own point.
-    pub fn error(&self, basis: &Basis, whole: bool) -> f64 {
+    pub fn error(&self, whole: bool) -> f64 {
         (0..self.target.len()).fold(0.0, |m: f64, k| {
-            let [along, across] = self.residual(basis, k);
+            let [along, across] = self.residual(k);
             m.max(if whole { along.hypot(across) } else { across.abs() })
         })
     }
 
     /// Way, summed over samples, that the curve backs up against the target or lacks where it all but stops.
-    pub fn backwards(&self, basis: &Basis) -> f64 {
-        let mut last = self.point(basis, 0);
+    pub fn backwards(&self) -> f64 {
         (1..self.target.len()).fold(0.0, |sum, k| {
-            let (p, a, b) = (self.point(basis, k), self.target[k - 1], self.target[k]);
+            let (last, p) = (self.curve[k - 1], self.curve[k]);
+            let (a, b) = (self.target[k - 1], self.target[k]);
             let step = (p[0] - last[0]) * (a[2] + b[2]) + (p[1] - last[1]) * (a[3] + b[3]);
-            last = p;
             let due = SLOWEST * (self.data.lengths[k] - self.data.lengths[k - 1]);
             sum + (due - 0.5 * step).max(0.0)
         })
@@ -284,7 +248,16 @@ impl Side {
     }
 
     /// Control points of the least-squares fit, legs on their lines and pointing forwards.
-    pub fn solve(&mut self) {
+    pub fn solve(&mut self, basis: &SampledBasis) {
+        self.find_control_points();
+        self.curve.clear();
+        self.curve.resize(basis.samples, [0.0; 2]);
+        for (i, c) in self.control.iter().enumerate() {
+            basis.add(i, *c, &mut self.curve);
+        }
+    }
+
+    fn find_control_points(&mut self) {
         let m = self.inner();
         if m == 0 {
             return;
@@ -330,7 +303,7 @@ impl Side {
 
     /// Put free legs that stray from the outline's tangent by more than this angle, or the side's own, on a line well
     /// within it, and solve again.
-    pub fn hold_ends(&mut self, most: f64) {
+    pub fn hold_ends(&mut self, basis: &SampledBasis, most: f64) {
         let limits = self.data.stray.map(|own| own.min(most));
         // Legs move each other: once one is held, the other may stray.
         for _ in 0..2 {
@@ -348,7 +321,7 @@ impl Side {
                 let angle = (limits[end] - TURNED_BACK).max(0.0);
                 self.lines[end] = Some(towards(legs[end], self.data.tangents[end], angle));
             }
-            self.solve();
+            self.solve(basis);
         }
     }
 

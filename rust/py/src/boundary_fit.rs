@@ -6,7 +6,8 @@ use crate::threads;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use patchtransfer_core::boundary_fit::{BoundaryFit as Core, FEW_SIDES};
-use patchtransfer_core::side_fit::{Basis, Side, SideData};
+use patchtransfer_core::sampled_basis::SampledBasis;
+use patchtransfer_core::side_fit::{Side, SideData};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -25,7 +26,7 @@ type LoopTuple<'py> = (
 #[pyclass]
 struct BoundaryFit {
     outlines: Vec<Py<Outline>>,
-    bases: Vec<Basis>,
+    bases: Vec<SampledBasis>,
     sides: Vec<Side>,
     joints: Vec<[usize; 2]>,
 }
@@ -37,7 +38,7 @@ fn mismatch(what: &str) -> PyErr {
 fn read_loop(
     outline: usize,
     (indices, lengths, points, tangents, legs, stray): &LoopTuple<'_>,
-    bases: &[Basis],
+    bases: &[SampledBasis],
     [slide_error, damping, shortest_leg]: [f64; 3],
 ) -> PyResult<Vec<Side>> {
     let n = indices.len();
@@ -50,7 +51,7 @@ fn read_loop(
     let mut sides = Vec::with_capacity(n);
     for (i, &basis) in indices.iter().enumerate() {
         let known = bases.get(basis).ok_or_else(|| mismatch("bases"))?;
-        let count = known.values.len() / known.n;
+        let count = known.samples;
         if count < 3 || at + count > lengths.len() {
             return Err(mismatch("arc lengths of a loop"));
         }
@@ -80,14 +81,14 @@ impl BoundaryFit {
         joints: Vec<(usize, usize)>,
         stiffness: [f64; 3],
     ) -> PyResult<Self> {
-        let bases: Vec<Basis> = bases
+        let bases: Vec<SampledBasis> = bases
             .iter()
             .map(|b| {
                 let n = b.shape()[1];
                 if n < 2 {
                     return Err(PyValueError::new_err("a basis needs two functions or more"));
                 }
-                Ok(Basis::new(n, b.as_array().iter().copied().collect()))
+                Ok(SampledBasis::new(n, b.as_slice()?))
             })
             .collect::<PyResult<_>>()?;
         if outlines.len() != loops.len() {
