@@ -3,6 +3,8 @@
 use crate::bernstein::{BoundedBernstein, Extraction, SLACK, TINY, U, extract, knot_uncertainty};
 use crate::simple_loops::Place;
 use crate::spline::SplineCurve;
+use std::borrow::Cow;
+use std::sync::LazyLock;
 
 /// Cross product.
 pub(crate) fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
@@ -273,6 +275,7 @@ pub(crate) fn arcs_of_loop(
 ) -> (Vec<Arc>, f64) {
     let mut gap: f64 = 0.0;
     let mut arcs: Vec<Arc> = Vec::new();
+    let mut extractions = None;
     for (index, curve) in curves.iter().enumerate() {
         let next = curves[(index + 1) % curves.len()].points[0];
         let end = curve.points.len() - 1;
@@ -280,16 +283,22 @@ pub(crate) fn arcs_of_loop(
         gap = gap.max(off[0].hypot(off[1]));
         let mut curve = curve.clone();
         curve.points[end] = next;
-        let values = Extraction::new(&curve.knots, curve.degree);
-        let slopes = Extraction::new(&curve.knots[1..curve.knots.len() - 1], curve.degree - 1);
+        // Neighbours mostly have the same knots.
+        if !(index > 0 && curve.degree == curves[index - 1].degree && curve.knots == curves[index - 1].knots)
+        {
+            let inner = &curve.knots[1..curve.knots.len() - 1];
+            extractions =
+                Some((Extraction::new(&curve.knots, curve.degree), Extraction::new(inner, curve.degree - 1)));
+        }
+        let (values, slopes) = extractions.as_ref().expect("made for the first curve");
         let uncertain = 5.0 * U + knot_uncertainty(&curve.knots);
         for span in 0..values.first.len() {
             let slope = match curve.weights {
-                None => polynomial_slope(&curve, unit, &slopes, uncertain, span),
-                Some(_) => rational_slope(&curve, unit, &values, span),
+                None => polynomial_slope(&curve, unit, slopes, uncertain, span),
+                Some(_) => rational_slope(&curve, unit, values, span),
             };
             if !slope.zero.iter().all(|z| *z) {
-                let bezier = bezier_of(&curve, origin, unit, &values, span);
+                let bezier = bezier_of(&curve, origin, unit, values, span);
                 arcs.push(Arc { bezier, slope, loop_index, curve: index, t: values.ends[span] });
             }
         }
@@ -311,24 +320,21 @@ pub(crate) fn arcs_of_loop(
 }
 
 /// The trivial extraction for the second variable of a univariate spline.
-fn constant() -> Extraction {
-    Extraction::new(&[0.0, 1.0], 0)
-}
+static CONSTANT: LazyLock<Extraction> = LazyLock::new(|| Extraction::new(&[0.0, 1.0], 0));
 
 fn bezier_of(curve: &SplineCurve, origin: [f64; 2], unit: f64, values: &Extraction, span: usize) -> Bezier {
     let first = values.first[span];
     let weight = |k: usize| curve.weights.as_ref().map_or(1.0, |w| w[k]);
-    let h: [BoundedBernstein; 3] = std::array::from_fn(|c| {
-        extract(values, &constant(), [span, 0], 2.0 * U, |a, _| {
+    let coordinate = |c: usize| {
+        extract(values, &CONSTANT, [span, 0], 2.0 * U, |a, _| {
             let k = first + a;
             if c == 2 { weight(k) } else { weight(k) * ((curve.points[k][c] - origin[c]) / unit) }
         })
-    });
-    let polynomial = curve.weights.is_none();
-    let points = (0..=values.degree)
-        .map(|i| [h[0].coefs[i], h[1].coefs[i], if polynomial { 1.0 } else { h[2].coefs[i] }])
-        .collect();
-    Bezier { points, err: [h[0].err.max(h[1].err), if polynomial { 0.0 } else { h[2].err }] }
+    };
+    let (x, y, w) = (coordinate(0), coordinate(1), curve.weights.as_ref().map(|_| coordinate(2)));
+    let points =
+        (0..=values.degree).map(|i| [x.coefs[i], y.coefs[i], w.as_ref().map_or(1.0, |w| w.coefs[i])]);
+    Bezier { points: points.collect(), err: [x.err.max(y.err), w.as_ref().map_or(0.0, |w| w.err)] }
 }
 
 /// Derivative of a polynomial arc by its extraction `slopes`; `uncertain` bounds the relative error of a difference.
@@ -342,7 +348,7 @@ fn polynomial_slope(
     let (p, knots, points) = (curve.degree, &curve.knots, &curve.points);
     let first = slopes.first[span];
     let [x, y]: [BoundedBernstein; 2] = std::array::from_fn(|c| {
-        extract(slopes, &constant(), [span, 0], uncertain, |a, _| {
+        extract(slopes, &CONSTANT, [span, 0], uncertain, |a, _| {
             let k = first + a;
             // Only the direction matters: in units of the last knot span the numbers stay near one.
             let h = (knots[k + p + 1] - knots[k + 1]) / (knots[first + p + 1] - knots[first + p]);
@@ -366,7 +372,7 @@ fn rational_slope(curve: &SplineCurve, unit: f64, values: &Extraction, span: usi
     let weights = curve.weights.as_ref().expect("a rational curve");
     let origin = points[first + p / 2];
     let h: [BoundedBernstein; 3] = std::array::from_fn(|c| {
-        extract(values, &constant(), [span, 0], 2.0 * U, |a, _| {
+        extract(values, &CONSTANT, [span, 0], 2.0 * U, |a, _| {
             let k = first + a;
             if c == 2 { weights[k] } else { weights[k] * ((points[k][c] - origin[c]) / unit) }
         })
@@ -388,12 +394,18 @@ fn rational_slope(curve: &SplineCurve, unit: f64, values: &Extraction, span: usi
 /// Sense of a simple loop: +1 counter-clockwise, -1 clockwise, 0 undecided.
 ///
 /// The area between an arc and its chord is at most the largest distance from the chord times the length of the
-/// control polygon; the polygon of chords decides once it outweighs all of that.
-pub(crate) fn orientation(arcs: &[Arc]) -> i8 {
-    let mut parts: Vec<Bezier> = arcs.iter().map(|a| a.bezier.clone()).collect();
-    for _ in 0..8 {
+/// control polygon; the polygon of chords decides once it outweighs all of that. `flats` are the arcs' hulls.
+pub(crate) fn orientation(arcs: &[Arc], flats: &[Flat]) -> i8 {
+    let mut parts: Vec<Bezier> = Vec::new();
+    let mut flats = Cow::Borrowed(flats);
+    for round in 0..8 {
+        if round > 0 {
+            let whole = arcs.iter().map(|a| &a.bezier).filter(|_| round == 1);
+            parts = whole.chain(&parts).flat_map(Bezier::halve).collect();
+            flats = parts.iter().map(Bezier::flat).collect();
+        }
         let (mut area, mut uncertain) = (0.0, 0.0);
-        for flat in parts.iter().map(Bezier::flat) {
+        for flat in flats.iter() {
             let (a, b) = (flat.start(), flat.end());
             area += 0.5 * cross(a, b);
             let chord = minus(b, a);
@@ -408,10 +420,9 @@ pub(crate) fn orientation(arcs: &[Arc]) -> i8 {
             uncertain +=
                 distance * polygon + 4.0 * (flat.err + 8.0 * U * flat.reach) * (polygon + flat.reach);
         }
-        if area.abs() > SLACK * uncertain + parts.len() as f64 * 4.0 * U {
+        if area.abs() > SLACK * uncertain + flats.len() as f64 * 4.0 * U {
             return if area > 0.0 { 1 } else { -1 };
         }
-        parts = parts.iter().flat_map(Bezier::halve).collect();
     }
     0
 }
@@ -419,24 +430,31 @@ pub(crate) fn orientation(arcs: &[Arc]) -> i8 {
 /// Winding number of a loop about `y`, `None` if `y` is too close to the loop.
 ///
 /// Arcs whose hull stays away from `y` may be replaced by their chords; others are halved. The angles under which
-/// the chords are seen add up to a multiple of 2π.
-pub(crate) fn winding(arcs: &[Arc], y: [f64; 2]) -> Option<i32> {
+/// the chords are seen add up to a multiple of 2π. `flats` are the arcs' hulls.
+pub(crate) fn winding(arcs: &[Arc], flats: &[Flat], y: [f64; 2]) -> Option<i32> {
+    let mut point = Flat { points: vec![y], err: 0.0, reach: 1.0 };
+    let mut angle_under = |flat: &Flat| {
+        // The angles of neighbouring chords share their rounding if y is much farther than the error.
+        point.err = 1e3 * (flat.err + U);
+        let (a, b) = (minus(flat.start(), y), minus(flat.end(), y));
+        point.separated(flat).then(|| cross(a, b).atan2(a[0] * b[0] + a[1] * b[1]))
+    };
     let mut total = 0.0;
-    for arc in arcs {
+    for (arc, flat) in arcs.iter().zip(flats) {
+        if let Some(angle) = angle_under(flat) {
+            total += angle;
+            continue;
+        }
         let mut stack = vec![(arc.bezier.clone(), 0)];
         while let Some((part, depth)) = stack.pop() {
-            let flat = part.flat();
-            // The angles of neighbouring chords share their rounding if y is much farther than the error.
-            let point = Flat { points: vec![y], err: 1e3 * (flat.err + U), reach: 1.0 };
-            if point.separated(&flat) {
-                let (a, b) = (minus(flat.start(), y), minus(flat.end(), y));
-                total += cross(a, b).atan2(a[0] * b[0] + a[1] * b[1]);
-            } else if depth == 60 {
+            if depth == 60 {
                 return None;
-            } else {
-                let [low, high] = part.halve();
-                stack.push((high, depth + 1));
-                stack.push((low, depth + 1));
+            }
+            for half in part.halve() {
+                match angle_under(&half.flat()) {
+                    Some(angle) => total += angle,
+                    None => stack.push((half, depth + 1)),
+                }
             }
         }
     }

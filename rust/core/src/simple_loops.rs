@@ -80,14 +80,21 @@ pub fn check_loops(loops: &[Vec<SplineCurve>]) -> LoopsProof {
         make_monotone(&mut arcs, &mut meetings);
         chains.push(arcs);
     }
-    separate(&chains, &mut meetings);
-    let orientation = chains.iter().map(|arcs| crate::arcs::orientation(arcs)).collect();
+    let flats: Vec<Vec<Flat>> =
+        chains.iter().map(|arcs| arcs.iter().map(|a| a.bezier.flat()).collect()).collect();
+    separate(&chains, &flats, &mut meetings);
+    let orientation =
+        chains.iter().zip(&flats).map(|(arcs, flats)| crate::arcs::orientation(arcs, flats)).collect();
+    let boxes: Vec<[f64; 4]> = flats.iter().map(|flats| enclosing(flats)).collect();
     let around = (0..chains.len())
         .map(|k| {
-            let Some(y) = chains[k].first().map(|a| a.bezier.flat().start()) else { return Some(Vec::new()) };
+            let Some(first) = flats[k].first() else { return Some(Vec::new()) };
             let mut around = Vec::new();
-            for (m, other) in chains.iter().enumerate().filter(|(m, _)| *m != k) {
-                if crate::arcs::winding(other, y)? != 0 {
+            for m in (0..chains.len()).filter(|&m| m != k) {
+                // A loop does not wind around what lies off its hull.
+                if overlap(&first.bounds(), &boxes[m])
+                    && crate::arcs::winding(&chains[m], &flats[m], first.start())? != 0
+                {
                     around.push(m);
                 }
             }
@@ -101,6 +108,19 @@ pub fn check_loops(loops: &[Vec<SplineCurve>]) -> LoopsProof {
     }
     let arcs = chains.iter().map(Vec::len).sum();
     LoopsProof { meetings, orientation, around, gap, arcs }
+}
+
+fn overlap(a: &[f64; 4], b: &[f64; 4]) -> bool {
+    a[0] <= b[1] && b[0] <= a[1] && a[2] <= b[3] && b[2] <= a[3]
+}
+
+/// Bounds of all hulls of a loop.
+fn enclosing(flats: &[Flat]) -> [f64; 4] {
+    let nothing = [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY];
+    flats
+        .iter()
+        .map(Flat::bounds)
+        .fold(nothing, |a, b| [a[0].min(b[0]), a[1].max(b[1]), a[2].min(b[2]), a[3].max(b[3])])
 }
 
 /// Halve arcs until there are four or more and every two consecutive ones are monotone together.
@@ -139,11 +159,10 @@ fn make_monotone(arcs: &mut Vec<Arc>, meetings: &mut Vec<Meeting>) {
 }
 
 /// Separate all pairs of arcs that are not neighbours, or report where that fails.
-fn separate(chains: &[Vec<Arc>], meetings: &mut Vec<Meeting>) {
+fn separate(chains: &[Vec<Arc>], flats: &[Vec<Flat>], meetings: &mut Vec<Meeting>) {
     let index: Vec<(usize, usize)> =
         chains.iter().enumerate().flat_map(|(k, arcs)| (0..arcs.len()).map(move |i| (k, i))).collect();
-    let flats: Vec<Flat> = index.iter().map(|&(k, i)| chains[k][i].bezier.flat()).collect();
-    let boxes: Vec<[f64; 4]> = flats.iter().map(Flat::bounds).collect();
+    let boxes: Vec<[f64; 4]> = flats.iter().flatten().map(Flat::bounds).collect();
     let mut order: Vec<usize> = (0..index.len()).collect();
     order.sort_by(|&a, &b| boxes[a][0].total_cmp(&boxes[b][0]).then(a.cmp(&b)));
     let mut active: Vec<usize> = Vec::new();
@@ -153,10 +172,10 @@ fn separate(chains: &[Vec<Arc>], meetings: &mut Vec<Meeting>) {
         active.retain(|&a| boxes[a][1] >= boxes[b][0]);
         for &a in &active {
             let (first, second) = (a.min(b), a.max(b));
-            if boxes[a][3] < boxes[b][2]
-                || boxes[b][3] < boxes[a][2]
-                || neighbours(chains, index[a], index[b])
-            {
+            if !overlap(&boxes[a], &boxes[b]) || neighbours(chains, index[a], index[b]) {
+                continue;
+            }
+            if flats[index[a].0][index[a].1].separated(&flats[index[b].0][index[b].1]) {
                 continue;
             }
             if let Some(meeting) = separate_pair(chains, index[first], index[second], &mut spent) {
