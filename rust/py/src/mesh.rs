@@ -216,7 +216,7 @@ impl LocalGlobal {
         let report = threads::run_watched(
             py,
             |report| self.0.iterate(&mut u, &k, iterations, tolerance, || report(())),
-            |_, ()| Ok(()),
+            threads::UNSEEN,
         )?;
         Ok((rows(py, u), report.flips, report.energy))
     }

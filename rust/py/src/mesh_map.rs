@@ -84,7 +84,7 @@ impl DistortionDescent {
         let report = threads::run_watched(
             py,
             |report| self.0.minimise(&mut u, max_steps, tolerance, || report(())),
-            |_, ()| Ok(()),
+            threads::UNSEEN,
         )?;
         let stop = match report.stop {
             Stop::Converged => "converged",

@@ -130,12 +130,12 @@ impl SplineOptimizer {
                     if report(*step) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
                 })
             },
-            |py, step: Step| {
-                count += 1;
-                callback
-                    .as_ref()
-                    .map_or(Ok(()), |f| f.call1(py, (count, step.energy, step.min_det)).map(|_| ()))
-            },
+            callback.map(|f| {
+                move |py: Python<'_>, step: Step| {
+                    count += 1;
+                    f.call1(py, (count, step.energy, step.min_det)).map(|_| ())
+                }
+            }),
         )?;
         let outcome = outcome.map_err(runtime)?;
         let history: Vec<f64> =
