@@ -7,8 +7,9 @@ of the C1 rows, the kink of iso-lines, and the residual of analysis-suitable G1 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -120,7 +121,7 @@ class VertexContinuity(NamedTuple):
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContinuityReport:
     """What :func:`check_continuity` found, the worst over all interfaces.
 
@@ -150,8 +151,29 @@ class ContinuityReport:
     kink_deg: Kink
     as_g1_residual: float
     # A line an interface would bury the summary.
-    interfaces: tuple[InterfaceContinuity, ...] = field(repr=False)
     vertices: tuple[VertexContinuity, ...] = field(repr=False)
+    _interfaces: tuple[Interface, ...] = field(repr=False)
+    # Numbers of every interface in the order of `InterfaceContinuity`, the kink as mean, maximum and t.
+    _table: FloatArray = field(repr=False)
+
+    @cached_property
+    def interfaces(self) -> tuple[InterfaceContinuity, ...]:
+        """Every interface, in the order of the multi-patch."""
+        reports = []
+        for f, (gap, c1, c1_all, ratio, mean, most, t, as_g1, *gluing) in zip(
+            self._interfaces, self._table.tolist(), strict=True
+        ):
+            kink = Kink(mean, most, (f.patch_a, f.side_a, t))
+            reports.append(InterfaceContinuity(f, gap, c1, c1_all, ratio, kink, as_g1, tuple(gluing)))
+        return tuple(reports)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ContinuityReport) and (
+            (self.kink_deg.mean, self.interfaces, self.vertices)
+            == (other.kink_deg.mean, other.interfaces, other.vertices)
+        )
+
+    __hash__ = None  # type: ignore[assignment]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -209,29 +231,30 @@ def check_continuity(mp: MultiPatch, samples: int = 20) -> ContinuityReport:
     (`gluing_positive`).
     """
     if not mp.interfaces:
-        return ContinuityReport(0.0, 0.0, 0.0, Kink(0.0, 0.0, None), 0.0, (), ())
+        return ContinuityReport(0.0, 0.0, 0.0, Kink(0.0, 0.0, None), 0.0, (), (), np.empty((0, 15)))
     layout = interface_layout(mp)
     control = coordinates(mp)
     found = [measure(group, control, samples) for group in layout.groups]
     ratios = _chord_ratios(mp, layout, found)
-    interfaces: list[InterfaceContinuity | None] = [None] * len(mp.interfaces)
-    ends = np.empty((len(mp.interfaces), 2, 2))
+    table, ends = np.empty((len(mp.interfaces), 15)), np.empty((len(mp.interfaces), 2, 2))
     for group, measured in zip(layout.groups, found, strict=True):
         ends[group.members] = measured.end_residuals
-        for i, report in zip(group.members, _reports(mp, group, measured, ratios[group.members]), strict=True):
-            interfaces[i] = report
-    reports = tuple(report for report in interfaces if report is not None)
+        table[group.members] = _rows(mp.diameter, group, measured, ratios[group.members])
+    gap, c1, c1_all, _, _, most, at, as_g1 = table[:, :8].T
+    worst = int(most.argmax())
+    f = mp.interfaces[worst]
     count = sum(int(measured.count.sum()) for measured in found)
     total = sum(float(measured.angle_sum.sum()) for measured in found)
-    worst = max(reports, key=lambda f: f.kink.max).kink
+    kink = Kink(total / max(count, 1), float(most[worst]), (f.patch_a, f.side_a, float(at[worst])))
     return ContinuityReport(
-        max(f.c0_gap for f in reports),
-        max(f.c1_residual for f in reports),
-        max(f.c1_residual_all for f in reports),
-        Kink(total / max(count, 1), worst.max, worst.at),
-        max(f.as_g1_residual for f in reports),
-        reports,
-        _vertex_reports(mp, layout, ends),
+        c0_gap=float(gap.max()),
+        c1_residual=float(c1.max()),
+        c1_residual_all=float(c1_all.max()),
+        kink_deg=kink,
+        as_g1_residual=float(as_g1.max()),
+        vertices=_vertex_reports(mp, layout, ends),
+        _interfaces=mp.interfaces,
+        _table=table,
     )
 
 
@@ -263,25 +286,16 @@ def _chord_ratios(mp: MultiPatch, layout: InterfaceLayout, found: Sequence[Measu
     return ratios
 
 
-def _reports(
-    mp: MultiPatch, group: InterfaceGroup, found: Measured, ratios: FloatArray
-) -> Iterator[InterfaceContinuity]:
-    """The interfaces of a group, with ω_a / ω_b given."""
+def _rows(diameter: float, group: InterfaceGroup, found: Measured, ratios: FloatArray) -> FloatArray:
+    """Rows of the report's table for the interfaces of a group, with ω_a / ω_b given."""
     first, second = found.across
-    diameter = mp.diameter
     size = (ratios * group.scales[0] + group.scales[1]) * diameter
     rows = norms(ratios[:, None, None] * first + second) / size[:, None]
     kept = rows if group.rational else np.where(group.kept, rows, 0.0)
     at = group.domains[:, 0] + found.angle_max_at * np.diff(group.domains)[:, 0]
     columns = [found.gap / diameter, kept.max(axis=1), rows.max(axis=1), ratios]
     columns += [found.angle_sum / np.maximum(found.count, 1), found.angle_max, at, found.as_g1]
-    numbers = np.column_stack(columns).tolist()
-    for i, (gap, c1, c1_all, ratio, mean, most, t, as_g1), gluing in zip(
-        group.members.tolist(), numbers, found.gluing.tolist(), strict=True
-    ):
-        f = mp.interfaces[i]
-        kink = Kink(mean, most, (f.patch_a, f.side_a, t))
-        yield InterfaceContinuity(f, gap, c1, c1_all, ratio, kink, as_g1, tuple(gluing))
+    return np.column_stack([*columns, found.gluing])
 
 
 def _vertex_reports(mp: MultiPatch, layout: InterfaceLayout, end_residuals: FloatArray) -> tuple[VertexContinuity, ...]:

@@ -12,9 +12,9 @@ Paper §3.2, Eq. 2–6: least squares with both ends interpolated. The paper tak
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -94,7 +94,7 @@ class FittedSide:
     smooth: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FittedBoundary:
     """Fitted sides, loop by loop in the order of the source's loops.
 
@@ -106,26 +106,36 @@ class FittedBoundary:
     warnings : tuple of str
     """
 
-    loops: tuple[tuple[FittedSide, ...], ...]
     error: float
     warnings: tuple[str, ...]
 
-    def __reduce__(self) -> tuple[Callable[..., FittedBoundary], tuple[object, ...]]:
-        loops = [
+    def __init__(self, loops: Iterable[tuple[FittedSide, ...]], error: float, warnings: Iterable[str]) -> None:
+        self.__dict__.update(loops=tuple(loops), error=error, warnings=tuple(warnings))
+
+    # Made when asked for: results bring it from other processes, and few are looked at there.
+    @cached_property
+    def loops(self) -> tuple[tuple[FittedSide, ...], ...]:
+        """The sides of every loop."""
+        return tuple(
+            tuple([FittedSide(curve, *rest) for curve, rest in zip(unpack_curves(curves), others, strict=True)])
+            for curves, others in self._packed
+        )
+
+    @cached_property
+    def _packed(self) -> list[tuple[PackedCurves, list[tuple[float, bool]]]]:
+        return [
             (pack_curves([side.curve for side in loop]), [(side.error, side.smooth) for side in loop])
             for loop in self.loops
         ]
-        return _unpacked, (loops, self.error, self.warnings)
+
+    def __reduce__(self) -> tuple[Callable[..., FittedBoundary], tuple[object, ...]]:
+        return _unpacked, (self._packed, self.error, self.warnings)
 
 
-def _unpacked(
-    loops: list[tuple[PackedCurves, list[tuple[float, bool]]]], error: float, warnings: tuple[str, ...]
-) -> FittedBoundary:
-    sides = [
-        tuple([FittedSide(curve, *rest) for curve, rest in zip(unpack_curves(curves), others, strict=True)])
-        for curves, others in loops
-    ]
-    return FittedBoundary(tuple(sides), error, warnings)
+def _unpacked(packed: object, error: float, warnings: tuple[str, ...]) -> FittedBoundary:
+    fitted = object.__new__(FittedBoundary)
+    fitted.__dict__.update(_packed=packed, error=error, warnings=warnings)
+    return fitted
 
 
 def fit_boundary(
@@ -217,7 +227,7 @@ def _collect(
                 f"boundary loop {k}: the source's knots miss a part of the target by {distances[-1]:.1e} of its "
                 f"diameter (tolerance {tolerance:.1e}); refine the source"
             )
-    return FittedBoundary(tuple(loops), max(distances), tuple(warnings))
+    return FittedBoundary(loops, max(distances), warnings)
 
 
 class _Bases:

@@ -84,7 +84,6 @@ class MultiPatch:
         whose control points do not coincide.
     """
 
-    patches: tuple[Patch, ...]
     interfaces: tuple[Interface, ...]
     ids: tuple[int, ...]
 
@@ -117,6 +116,15 @@ class MultiPatch:
 
     def __len__(self) -> int:
         return len(self.patches)
+
+    @cached_property
+    def patches(self) -> tuple[Patch, ...]:
+        """The patches. Results bring them from other processes, and few are looked at there: made when asked for."""
+        return unpack_patches(self._packed)
+
+    @cached_property
+    def _packed(self) -> PackedPatches:
+        return pack_patches(self.patches)
 
     def __repr__(self) -> str:
         try:
@@ -194,7 +202,7 @@ class MultiPatch:
 
     def __reduce__(self) -> tuple[Callable[..., MultiPatch], tuple[object, ...]]:
         # The topology is found again faster than it is sent.
-        return _unpacked, (pack_patches(self.patches), self.interfaces, self.ids)
+        return _unpacked, (self._packed, self.interfaces, self.ids)
 
     def elevate(self, by: int = 1) -> MultiPatch:
         """The same geometry with all degrees raised; inner knots stay as smooth as they are."""
@@ -233,7 +241,7 @@ class MultiPatch:
 def _unpacked(packed: PackedPatches, interfaces: tuple[Interface, ...], ids: tuple[int, ...]) -> MultiPatch:
     """A multi-patch that was checked before it was pickled."""
     multipatch = object.__new__(MultiPatch)
-    multipatch.__dict__.update(patches=unpack_patches(packed), interfaces=interfaces, ids=ids)
+    multipatch.__dict__.update(_packed=packed, interfaces=interfaces, ids=ids)
     return multipatch
 
 
