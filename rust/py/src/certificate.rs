@@ -62,7 +62,7 @@ fn certify_loops(py: Python<'_>, loops: Vec<Vec<CurveTuple<'_>>>) -> PyResult<Lo
     if loops.iter().flatten().any(|c| c.degree == 0 || 2 * c.degree > MAX_DEGREE) {
         return Err(PyValueError::new_err(format!("degrees must be 1 to {}", MAX_DEGREE / 2)));
     }
-    let proof = threads::run(py, || simple_loops::check_loops(&loops))?;
+    let proof = py.detach(|| simple_loops::check_loops(&loops));
     let kind = |kind| match kind {
         MeetingKind::Crossing => "crossing",
         MeetingKind::Near => "near",

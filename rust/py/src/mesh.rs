@@ -102,8 +102,8 @@ fn triangulate<'py>(
     let loops: Vec<Vec<usize>> = loops.iter().map(indices).collect::<PyResult<_>>()?;
     let refinement = (min_angle.is_some() || max_area.is_some())
         .then(|| Refinement { min_angle: min_angle.unwrap_or(0.0), max_area });
-    let mesh = threads::run(py, || triangulation::triangulate(&points, &loops, refinement))?
-        .map_err(triangulation_error)?;
+    let mesh =
+        py.detach(|| triangulation::triangulate(&points, &loops, refinement)).map_err(triangulation_error)?;
     let flat: Vec<i64> = mesh.triangles.into_flattened().into_iter().map(|v| v as i64).collect();
     let triangles = Array2::from_shape_vec((flat.len() / 3, 3), flat).expect("sizes agree");
     Ok((rows(py, mesh.points), triangles.into_pyarray(py)))
@@ -117,7 +117,7 @@ fn cotan_laplacian<'py>(
     triangles: PyReadonlyArray2<'py, i64>,
 ) -> PyResult<CscTuple<'py>> {
     let (points, triangles) = (points2(&points)?, triangles3(&triangles)?);
-    let matrix = threads::run(py, || laplacian::cotan_laplacian(&points, &triangles))?.map_err(mesh_error)?;
+    let matrix = py.detach(|| laplacian::cotan_laplacian(&points, &triangles)).map_err(mesh_error)?;
     let shape = (matrix.nrows(), matrix.ncols());
     let (offsets, rows, values) = matrix.disassemble();
     let signed = |v: Vec<usize>| v.into_iter().map(|i| i as i64).collect::<Array1<i64>>().into_pyarray(py);
