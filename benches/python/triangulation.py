@@ -3,8 +3,8 @@
 Needs the package ``triangle``. Both get the same points and boundary edges as arrays and return arrays of triangles
 without the exterior; both copy their arguments in and their results out within the time. Beyond the triangulation
 Triangle's time holds the output of vertices, segments and their markers; ours the checks of the input (coinciding
-points, crossing or touching polygons, points outside), triangles in lexicographic order, and a thread of the core's
-pool. Triangle's conversion of a dictionary's keys is left out: its compiled function is called directly.
+points, crossing or touching polygons, points outside) and triangles in lexicographic order. Triangle's conversion of a
+dictionary's keys is left out: its compiled function is called directly.
 
 CPU time of one thread, medians of runs that alternate; what counts is the ratio. `mesh` is the background mesh of the
 bundled wrench, refined uniformly to about that size.
@@ -12,12 +12,11 @@ bundled wrench, refined uniformly to about that size.
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from collections.abc import Callable
 
 import numpy as np
-import triangle.core
 
 from patchtransfer import _core, examples
 from patchtransfer.refinement import refine_uniformly
@@ -84,6 +83,8 @@ def area(points: np.ndarray, triangles: np.ndarray) -> float:
 
 def compare(points: np.ndarray, loops: list[np.ndarray], repeat: int) -> tuple[float, float]:
     """Median seconds of Triangle and ours."""
+    import triangle.core
+
     edges = np.concatenate([np.stack([loop, np.roll(loop, -1)], 1) for loop in loops]).astype(np.int32)
     domain = {"pointlist": points, "segmentlist": edges}
     if len(loops) > 1:
@@ -105,9 +106,11 @@ def compare(points: np.ndarray, loops: list[np.ndarray], repeat: int) -> tuple[f
 
 
 def main() -> None:
-    _core.set_threads(1)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("points", type=float, nargs="*", default=[1e4, 1e5, 5e5], help="default 1e4 1e5 5e5")
+    sizes = [int(size) for size in parser.parse_args().points]
     print("| points | case | Triangle, ms | patchtransfer, ms | ratio |\n|---:|---|---:|---:|---:|")
-    for size in [int(float(a)) for a in sys.argv[1:]] or [10_000, 100_000, 500_000]:
+    for size in sizes:
         for name, case in CASES.items():
             points, loops = case(size)
             theirs, ours = compare(points, loops, 21 if size < 200_000 else 5)
