@@ -16,7 +16,6 @@ mod evaluation;
 pub mod galerkin;
 pub mod injectivity;
 pub mod inner_distance;
-mod insertion_order;
 mod kernel;
 mod lanes;
 pub mod laplacian;
