@@ -16,6 +16,7 @@ mod evaluation;
 pub mod galerkin;
 pub mod injectivity;
 pub mod inner_distance;
+mod insertion_order;
 mod kernel;
 mod lanes;
 pub mod laplacian;

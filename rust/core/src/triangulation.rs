@@ -6,6 +6,7 @@
 
 use std::collections::VecDeque;
 
+use crate::insertion_order::insertion_order;
 use spade::handles::FixedVertexHandle;
 use spade::{
     AngleLimit, ConstrainedDelaunayTriangulation, InsertionError, Point2, RefinementParameters, Triangulation,
@@ -128,28 +129,168 @@ pub fn triangulate(
         .iter()
         .map(|p| spade::mitigate_underflow(Point2::new(p[0] * scale, p[1] * scale)))
         .collect::<Vec<_>>();
-    let mut cdt = delaunay(scaled)?;
-    constrain(&mut cdt, &edges)?;
-    check_constraints(&cdt, &edges, points)?;
-    let mut interior = interior(&cdt);
-    check_nesting(&cdt, loops, &interior.faces)?;
+    let mut net = Net::delaunay(&scaled, insertion_order(points))?;
+    net.constrain(&edges)?;
+    net.check_constraints(&edges, points)?;
+    let mut interior = net.interior();
+    net.check_nesting(loops, &interior.faces)?;
     check_usage(&interior.triangles, points.len())?;
     if let Some(limits) = refinement {
-        refine(&mut cdt, limits, scale)?;
-        interior = self::interior(&cdt);
+        refine(&mut net.cdt, limits, scale)?;
+        interior = net.interior();
     }
-    Ok(extract(&cdt, interior.triangles, points, scale))
+    Ok(extract(&net.cdt, interior.triangles, points, scale))
 }
 
-/// The Delaunay triangulation of the points, vertex `i` being point `i`.
-///
-/// Constraints come later, one by one: as long as `spade`'s bulk load has some left it keeps the hull convex, which
-/// takes a fifth more in-circle tests on a grid, and they are the exact, expensive ones there.
-fn delaunay(points: Vec<Point2<f64>>) -> Result<Cdt, TriangulationError> {
-    let copy = points.clone();
-    let cdt = Cdt::try_bulk_load_cdt(points, Vec::new(), |_| ()).map_err(rejected)?;
-    // `spade` drops points that coincide.
-    if cdt.num_vertices() == copy.len() { Ok(cdt) } else { Err(duplicates(&copy)) }
+/// A triangulation whose vertices come in the order of their insertion.
+struct Net {
+    cdt: Cdt,
+    /// The vertex of every input point.
+    vertices: Vec<FixedVertexHandle>,
+    /// The input point of every vertex; Steiner points have the numbers of their vertices.
+    points: Vec<usize>,
+}
+
+impl Net {
+    /// The Delaunay triangulation of points that are inserted in this order.
+    ///
+    /// `spade`'s bulk load inserts them by their distance from the middle: as fast where they are spread evenly, but three
+    /// times slower on the nets of multi-patches.
+    fn delaunay(points: &[Point2<f64>], order: Vec<usize>) -> Result<Self, TriangulationError> {
+        let mut cdt = Cdt::with_capacity(points.len(), 3 * points.len(), 2 * points.len());
+        let mut vertices = vec![FixedVertexHandle::from_index(0); points.len()];
+        let mut last = None;
+        for &point in &order {
+            let inserted = match last {
+                Some(hint) => cdt.insert_with_hint(points[point], hint),
+                None => cdt.insert(points[point]),
+            };
+            vertices[point] = inserted.map_err(rejected)?;
+            last = Some(vertices[point]);
+        }
+        // A point that coincides with another one gets its vertex.
+        if cdt.num_vertices() == points.len() {
+            Ok(Self { cdt, vertices, points: order })
+        } else {
+            Err(duplicates(points))
+        }
+    }
+
+    fn point(&self, vertex: FixedVertexHandle) -> usize {
+        let index = vertex.index();
+        self.points.get(index).copied().unwrap_or(index)
+    }
+
+    fn constrain(&mut self, edges: &[[usize; 2]]) -> Result<(), TriangulationError> {
+        for &edge in edges {
+            let [from, to] = edge.map(|point| self.vertices[point]);
+            if self.cdt.try_add_constraint(from, to).is_empty() {
+                let crossed = self
+                    .cdt
+                    .get_conflicting_edges_between_vertices(from, to)
+                    .map(|e| [e.from().fix(), e.to().fix()].map(|v| self.point(v)))
+                    .next()
+                    .unwrap_or(edge);
+                return Err(TriangulationError::CrossingConstraints { a: edge, b: crossed });
+            }
+        }
+        Ok(())
+    }
+
+    /// `spade` splits a constraint at points that lie on it exactly; a domain whose boundary does that is refused.
+    fn check_constraints(&self, edges: &[[usize; 2]], points: &[[f64; 2]]) -> Result<(), TriangulationError> {
+        for &edge in edges {
+            let [from, to] = edge.map(|point| self.vertices[point]);
+            if !self.cdt.exists_constraint(from, to) {
+                let [a, b] = edge.map(|i| points[i]);
+                let direction = [b[0] - a[0], b[1] - a[1]];
+                // The splitting vertex: the nearest one ahead among the constraint edges out of `from`.
+                let along = |p: [f64; 2]| (p[0] - a[0]) * direction[0] + (p[1] - a[1]) * direction[1];
+                let across =
+                    |p: [f64; 2]| ((p[1] - a[1]) * direction[0] - (p[0] - a[0]) * direction[1]).abs();
+                let point = self
+                    .cdt
+                    .vertex(from)
+                    .out_edges()
+                    .filter(|e| e.as_undirected().is_constraint_edge())
+                    .map(|e| self.point(e.to().fix()))
+                    .filter(|&v| along(points[v]) > 0.0)
+                    .min_by(|&v, &w| {
+                        let slope = |v: usize| across(points[v]) / along(points[v]);
+                        slope(v).total_cmp(&slope(w))
+                    })
+                    .unwrap_or(edge[1]);
+                return Err(TriangulationError::PointOnConstraint { point, edge });
+            }
+        }
+        Ok(())
+    }
+
+    /// Faces at odd depth, the depth being the least number of constraints between a face and infinity.
+    ///
+    /// They are flooded depth by depth. Corners are noted on the way, as the edges of a face are at hand then: reading
+    /// them again in another order costs as much as the flood.
+    fn interior(&self) -> Interior {
+        let cdt = &self.cdt;
+        let mut seen = vec![false; cdt.num_all_faces()];
+        let mut faces = seen.clone();
+        let mut triangles = Vec::with_capacity(cdt.num_inner_faces());
+        seen[cdt.outer_face().index()] = true;
+        // An edge of every face to be entered, at this depth and at the next.
+        let (mut here, mut deeper) = (VecDeque::new(), VecDeque::new());
+        for edge in cdt.convex_hull() {
+            let edge = if edge.is_outer_edge() { edge.rev() } else { edge };
+            let list = if edge.as_undirected().is_constraint_edge() { &mut deeper } else { &mut here };
+            list.push_back(edge.fix());
+        }
+        let mut odd = false;
+        loop {
+            while let Some(entry) = here.pop_front() {
+                let edge = cdt.directed_edge(entry);
+                let face = edge.face().index();
+                if std::mem::replace(&mut seen[face], true) {
+                    continue;
+                }
+                let (next, prev) = (edge.next(), edge.prev());
+                if odd {
+                    faces[face] = true;
+                    triangles.push([edge, next, prev].map(|e| self.point(e.from().fix())));
+                }
+                for side in [next, prev] {
+                    let beyond = side.rev();
+                    if !seen[beyond.face().index()] {
+                        let list =
+                            if side.as_undirected().is_constraint_edge() { &mut deeper } else { &mut here };
+                        list.push_back(beyond.fix());
+                    }
+                }
+            }
+            if deeper.is_empty() {
+                return Interior { faces, triangles };
+            }
+            std::mem::swap(&mut here, &mut deeper);
+            odd = !odd;
+        }
+    }
+
+    fn check_nesting(&self, loops: &[Vec<usize>], inside: &[bool]) -> Result<(), TriangulationError> {
+        for (index, polygon) in loops.iter().enumerate() {
+            let [a, b] = [polygon[0], polygon[1]].map(|point| self.vertices[point]);
+            let edge = self.cdt.get_edge_from_neighbors(a, b).expect("constraints are edges");
+            if !inside[edge.face().index()] || inside[edge.rev().face().index()] {
+                return Err(TriangulationError::WrongOrientation { index });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What is left of a triangulation without the exterior and the holes.
+struct Interior {
+    /// For every face, whether it belongs to the domain.
+    faces: Vec<bool>,
+    /// The vertices of those that do.
+    triangles: Vec<[usize; 3]>,
 }
 
 /// The first two points that coincide, of points some of which do.
@@ -159,21 +300,6 @@ fn duplicates(points: &[Point2<f64>]) -> TriangulationError {
     order.sort_by(|&i, &j| key(i).partial_cmp(&key(j)).expect("finite").then(i.cmp(&j)));
     let twice = order.windows(2).find(|w| key(w[0]) == key(w[1])).expect("two points coincide");
     TriangulationError::DuplicatePoints { a: twice[0], b: twice[1] }
-}
-
-fn constrain(cdt: &mut Cdt, edges: &[[usize; 2]]) -> Result<(), TriangulationError> {
-    for &edge in edges {
-        let [from, to] = edge.map(FixedVertexHandle::from_index);
-        if cdt.try_add_constraint(from, to).is_empty() {
-            let crossed = cdt
-                .get_conflicting_edges_between_vertices(from, to)
-                .map(|e| [e.from().index(), e.to().index()])
-                .next()
-                .unwrap_or(edge);
-            return Err(TriangulationError::CrossingConstraints { a: edge, b: crossed });
-        }
-    }
-    Ok(())
 }
 
 fn rejected(error: InsertionError) -> TriangulationError {
@@ -206,98 +332,6 @@ fn check_loops(n: usize, loops: &[Vec<usize>]) -> Result<Vec<[usize; 2]>, Triang
         }
     }
     Ok(edges)
-}
-
-/// `spade` splits a constraint at points that lie on it exactly; a domain whose boundary does that is refused.
-fn check_constraints(cdt: &Cdt, edges: &[[usize; 2]], points: &[[f64; 2]]) -> Result<(), TriangulationError> {
-    for &edge in edges {
-        let [from, to] = edge.map(FixedVertexHandle::from_index);
-        if !cdt.exists_constraint(from, to) {
-            let [a, b] = edge.map(|i| points[i]);
-            let direction = [b[0] - a[0], b[1] - a[1]];
-            // The splitting vertex: the nearest one ahead among the constraint edges out of `from`.
-            let along = |p: [f64; 2]| (p[0] - a[0]) * direction[0] + (p[1] - a[1]) * direction[1];
-            let across = |p: [f64; 2]| ((p[1] - a[1]) * direction[0] - (p[0] - a[0]) * direction[1]).abs();
-            let point = cdt
-                .vertex(from)
-                .out_edges()
-                .filter(|e| e.as_undirected().is_constraint_edge())
-                .map(|e| e.to().index())
-                .filter(|&v| along(points[v]) > 0.0)
-                .min_by(|&v, &w| {
-                    let slope = |v: usize| across(points[v]) / along(points[v]);
-                    slope(v).total_cmp(&slope(w))
-                })
-                .unwrap_or(edge[1]);
-            return Err(TriangulationError::PointOnConstraint { point, edge });
-        }
-    }
-    Ok(())
-}
-
-/// What is left of a triangulation without the exterior and the holes.
-struct Interior {
-    /// For every face, whether it belongs to the domain.
-    faces: Vec<bool>,
-    /// The vertices of those that do.
-    triangles: Vec<[usize; 3]>,
-}
-
-/// Faces at odd depth, the depth being the least number of constraints between a face and infinity.
-///
-/// They are flooded depth by depth. Corners are noted on the way, as the edges of a face are at hand then: reading
-/// them again in another order costs as much as the flood.
-fn interior(cdt: &Cdt) -> Interior {
-    let mut seen = vec![false; cdt.num_all_faces()];
-    let mut faces = seen.clone();
-    let mut triangles = Vec::with_capacity(cdt.num_inner_faces());
-    seen[cdt.outer_face().index()] = true;
-    // An edge of every face to be entered, at this depth and at the next.
-    let (mut here, mut deeper) = (VecDeque::new(), VecDeque::new());
-    for edge in cdt.convex_hull() {
-        let edge = if edge.is_outer_edge() { edge.rev() } else { edge };
-        let list = if edge.as_undirected().is_constraint_edge() { &mut deeper } else { &mut here };
-        list.push_back(edge.fix());
-    }
-    let mut odd = false;
-    loop {
-        while let Some(entry) = here.pop_front() {
-            let edge = cdt.directed_edge(entry);
-            let face = edge.face().index();
-            if std::mem::replace(&mut seen[face], true) {
-                continue;
-            }
-            let (next, prev) = (edge.next(), edge.prev());
-            if odd {
-                faces[face] = true;
-                triangles.push([edge, next, prev].map(|e| e.from().index()));
-            }
-            for side in [next, prev] {
-                let beyond = side.rev();
-                if !seen[beyond.face().index()] {
-                    let list =
-                        if side.as_undirected().is_constraint_edge() { &mut deeper } else { &mut here };
-                    list.push_back(beyond.fix());
-                }
-            }
-        }
-        if deeper.is_empty() {
-            return Interior { faces, triangles };
-        }
-        std::mem::swap(&mut here, &mut deeper);
-        odd = !odd;
-    }
-}
-
-fn check_nesting(cdt: &Cdt, loops: &[Vec<usize>], inside: &[bool]) -> Result<(), TriangulationError> {
-    for (index, polygon) in loops.iter().enumerate() {
-        let [a, b] = [polygon[0], polygon[1]].map(FixedVertexHandle::from_index);
-        let edge = cdt.get_edge_from_neighbors(a, b).expect("constraints are edges");
-        if !inside[edge.face().index()] || inside[edge.rev().face().index()] {
-            return Err(TriangulationError::WrongOrientation { index });
-        }
-    }
-    Ok(())
 }
 
 fn check_usage(triangles: &[[usize; 3]], n: usize) -> Result<(), TriangulationError> {
