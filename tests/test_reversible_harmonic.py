@@ -160,8 +160,10 @@ def test_the_solve_is_a_minimum(pair):
 def test_hard_boundary_limit_is_the_dirichlet_solve(pair):
     a, b, values, start, reverse = pair
     away = start + 0.05 * np.random.default_rng(0).normal(size=start.shape)
+    # With alpha = 1 nothing would hold the reverse map, which is free up to a shift then.
+    alpha = 1.0 - 1e-10
     found = reversible_harmonic_map(
-        a, b, a.boundary, values, away, reverse, alpha=1.0, beta=0.0, weight=1e7, max_iterations=3
+        a, b, a.boundary, values, away, reverse, alpha=alpha, beta=0.0, weight=1e7, max_iterations=3
     )
     assert found.converged
     np.testing.assert_allclose(found.points, start, atol=1e-5)
@@ -169,9 +171,9 @@ def test_hard_boundary_limit_is_the_dirichlet_solve(pair):
     away[a.boundary] = values
     basis = eye_array(len(start), format="csc")[:, a.interior]
     found = reversible_harmonic_map(
-        a, b, a.boundary, values, away, reverse, null_space=basis, alpha=1.0, beta=0.0, max_iterations=2
+        a, b, a.boundary, values, away, reverse, null_space=basis, alpha=alpha, beta=0.0, max_iterations=2
     )
-    np.testing.assert_allclose(found.points, start, atol=1e-12)
+    np.testing.assert_allclose(found.points, start, atol=1e-8)
 
 
 def test_constraints_are_kept(pair):
