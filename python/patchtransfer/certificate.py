@@ -313,9 +313,9 @@ def _patch_reason(cells: Sequence[Cell]) -> str:
 def _gluing(multipatch: MultiPatch, gaps: Sequence[float], positive: Sequence[bool]) -> list[tuple[str, str]]:
     """Collect what speaks against the interfaces; `positive` says where det J > 0 is proved."""
     topology, patches = multipatch.topology, multipatch.patches
-    findings = []
+    folded_over, findings = topology.folded_over, []
     for i, (f, gap, knot_gap) in enumerate(zip(multipatch.interfaces, gaps, topology.knot_gaps, strict=True)):
-        if i in topology.folded_over:
+        if i in folded_over:
             kind = "folded" if positive[f.patch_a] and positive[f.patch_b] else "undecided"
             text = "the patches lie on the same side of it, one folds back on the other"
             findings.append((kind, f"interface {_name(f)}: {text}"))
