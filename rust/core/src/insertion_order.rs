@@ -6,11 +6,11 @@ const ROUNDS: u32 = 5;
 /// Biased randomised insertion order (Amenta, Choi, Rote 2003): rounds of random points, each three times as many as all
 /// before, and within a round along a Hilbert curve.
 ///
-/// Rounds that double, as published, take a tenth longer, a fifth on square grids.
-///
 /// From one point to the next it is a few triangles then, and the triangles there are still in the cache; as earlier
 /// rounds cover the domain evenly, no triangle lives long that is much larger than its neighbours. The order is the same
 /// for the same points.
+///
+/// Rounds that double, as published, take a tenth longer, a fifth on square grids.
 pub(crate) fn insertion_order(points: &[[f64; 2]]) -> Vec<usize> {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for p in points {
@@ -74,14 +74,14 @@ mod tests {
     fn every_point_comes_once_and_most_come_late() {
         let points: Vec<[f64; 2]> = (0..5000).map(|i| [f64::from(i % 71), f64::from(i * i % 97)]).collect();
         let mut order = insertion_order(&points);
-        let early = order[..1000].to_vec();
+        let early = order[..2000].to_vec();
         order.sort_unstable();
         assert!(order.iter().enumerate().all(|(k, &i)| k == i));
         // What is inserted early covers all of the domain.
         for quarter in 0..4 {
             let inside =
                 |p: &[f64; 2]| (p[0] > 35.0) == (quarter % 2 == 1) && (p[1] > 48.0) == (quarter / 2 == 1);
-            assert!(early.iter().filter(|&&i| inside(&points[i])).count() > 150);
+            assert!(early.iter().filter(|&&i| inside(&points[i])).count() > 300);
         }
         assert_eq!(insertion_order(&[]), Vec::<usize>::new());
         assert_eq!(insertion_order(&[[1.0, 2.0]]), [0]);
