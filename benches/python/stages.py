@@ -153,10 +153,9 @@ read once. *Newton steps* are those on the finest space; a large solve makes mor
 *step* as well. What a step does beyond the bounds is mostly the Hessian itself: {nodes} nodes a knot span, each with a
 closed-form positive part, and the energies of the line search.
 
-Other scripts beside it compare with peers: `transfer_yeti.py` (NumPy, G+Smo), `optimizer_scaling.py` (SuperLU, CHOLMOD,
-peak memory), `plan_map.py` (threads, processes), `continuity_cost.py` (C1 against C0), `registration.py` (1,000
-curves), `poisson_nutils.py` (nutils), `triangulation.py` (Triangle), and
-`cargo bench -p patchtransfer-core` times the core's kernels beside `memcpy`.
+`peers.py` beside it compares with [other software](peers.md), each comparison being a script of its own; others are
+`plan_map.py` (threads, processes), `continuity_cost.py` (C1 against C0) and `registration.py` (1,000 curves).
+`cargo bench -p patchtransfer-core` times the core's kernels.
 """
 
 

@@ -8,9 +8,11 @@
 
 use rayon::prelude::*;
 
-use crate::lanes::{Kernel, WIDTH, vectorized};
+use crate::lanes::{Kernel, vectorized};
 
 const CHUNK: usize = 8192;
+/// Matrices whose factors are kept between two loops.
+const TILE: usize = 128;
 
 /// Signed singular values σ₁ ≥ |σ₂| of a row-major matrix; σ₂ has the sign of its determinant.
 #[inline]
@@ -26,32 +28,50 @@ pub fn signed_singular_values(j: [f64; 4]) -> [f64; 2] {
 /// At z = 0 the nearest matrices form a circle; the one with a positive real z is taken.
 #[inline]
 pub fn project(j: [f64; 4], k: f64) -> [f64; 4] {
-    let (h, regular) = project_regular(j, k);
-    if regular {
-        return h;
+    let factors = factors(j, k);
+    if factors.outside > 0.0 && factors.product == 0.0 {
+        let [a, b, c, d] = j;
+        return project_anticonformal(a - d, c + b, k);
     }
-    let [a, b, c, d] = j;
-    project_anticonformal(a - d, c + b, k)
+    apply(j, factors)
 }
 
-/// The same without a branch, and whether it holds: not at z = 0 outside the cone.
+/// What [`project`] multiplies z and w by.
+#[derive(Clone, Copy)]
+struct Factors {
+    /// |z|'/2|z|.
+    z: f64,
+    /// |w|'/2|w|.
+    w: f64,
+    /// Positive outside the cone.
+    outside: f64,
+    /// 4|z||w|; if this vanishes outside the cone, the factors do not hold.
+    product: f64,
+}
+
+/// Without a branch, for matrices inside as well: nobody can predict which ones are, and so they can go several at a time.
 #[inline(always)]
-fn project_regular([a, b, c, d]: [f64; 4], k: f64) -> ([f64; 4], bool) {
-    // Twice z and w: the factors below depend on ratios only.
+fn factors([a, b, c, d]: [f64; 4], k: f64) -> Factors {
+    // Twice z and w: the factors depend on ratios only.
     let (zr, zi, wr, wi) = (a + d, c - b, a - d, c + b);
     let (s2, t2) = (zr * zr + zi * zi, wr * wr + wi * wi);
     let (more, less) = (k + 1.0, k - 1.0);
-    let inside = more * more * t2 <= less * less * s2;
     let st = (s2 * t2).sqrt();
-    // |z|'/2|z| and |w|'/2|w| over a common denominator, one root and one division in all. They are computed for
-    // matrices inside as well: selecting is cheaper than a branch that nobody can predict.
+    // Over a common denominator, one root and one division in all.
     let q = 0.25 / ((k * k + 1.0) * st);
-    let fz = q * more * (more * st + less * t2);
-    let fw = q * less * (more * s2 + less * st);
-    let (zr, zi, wr, wi) = (fz * zr, fz * zi, fw * wr, fw * wi);
-    let h = [zr + wr, wi - zi, zi + wi, zr - wr];
-    let j = [a, b, c, d];
-    ([0, 1, 2, 3].map(|i| if inside { j[i] } else { h[i] }), inside | (st != 0.0))
+    Factors {
+        z: q * more * (more * st + less * t2),
+        w: q * less * (more * s2 + less * st),
+        outside: more * more * t2 - less * less * s2,
+        product: st,
+    }
+}
+
+#[inline(always)]
+fn apply([a, b, c, d]: [f64; 4], factors: Factors) -> [f64; 4] {
+    let (zr, zi) = (factors.z * (a + d), factors.z * (c - b));
+    let (wr, wi) = (factors.w * (a - d), factors.w * (c + b));
+    if factors.outside > 0.0 { [zr + wr, wi - zi, zi + wi, zr - wr] } else { [a, b, c, d] }
 }
 
 /// The case z = 0 (or so small that its square vanishes), of 2w = (wr, wi).
@@ -71,7 +91,7 @@ pub fn project_all(j: &[[f64; 4]], k: &[f64], out: &mut [[f64; 4]]) {
     });
 }
 
-/// Projection of a slice, a block of eight matrices after the other.
+/// Projection of a slice.
 struct Projection<'a> {
     j: &'a [[f64; 4]],
     k: &'a [f64],
@@ -83,10 +103,10 @@ impl Kernel for Projection<'_> {
 
     #[inline(always)]
     fn run<const FUSED: bool>(self) {
-        let (blocks, rest) = self.out.as_chunks_mut::<WIDTH>();
-        let ((j, j_rest), (k, k_rest)) = (self.j.as_chunks::<WIDTH>(), self.k.as_chunks::<WIDTH>());
-        for ((j, k), out) in j.iter().zip(k).zip(blocks) {
-            project_block(j, k, out);
+        let (tiles, rest) = self.out.as_chunks_mut::<TILE>();
+        let ((j, j_rest), (k, k_rest)) = (self.j.as_chunks::<TILE>(), self.k.as_chunks::<TILE>());
+        for ((j, k), out) in j.iter().zip(k).zip(tiles) {
+            project_tile(j, k, out);
         }
         for ((j, &k), out) in j_rest.iter().zip(k_rest).zip(rest) {
             *out = project(*j, k);
@@ -94,27 +114,21 @@ impl Kernel for Projection<'_> {
     }
 }
 
-/// Entry by entry in between, so that eight matrices are treated at once.
+/// The factors of all first: in one loop with what they are for, they are not computed several at a time.
 #[inline(always)]
-fn project_block(j: &[[f64; 4]; WIDTH], k: &[f64; WIDTH], out: &mut [[f64; 4]; WIDTH]) {
-    let (mut entries, mut found, mut regular) = ([[0.0; WIDTH]; 4], [[0.0; WIDTH]; 4], true);
-    for i in 0..WIDTH {
-        for r in 0..4 {
-            entries[r][i] = j[i][r];
-        }
+fn project_tile(j: &[[f64; 4]; TILE], k: &[f64; TILE], out: &mut [[f64; 4]; TILE]) {
+    let (mut z, mut w, mut outside, mut product) = ([0.0; TILE], [0.0; TILE], [0.0; TILE], [0.0; TILE]);
+    for i in 0..TILE {
+        let f = factors(j[i], k[i]);
+        (z[i], w[i], outside[i], product[i]) = (f.z, f.w, f.outside, f.product);
     }
-    for i in 0..WIDTH {
-        let (h, holds) = project_regular([0, 1, 2, 3].map(|r| entries[r][i]), k[i]);
-        for r in 0..4 {
-            found[r][i] = h[r];
-        }
-        regular &= holds;
+    let mut irregular = false;
+    for i in 0..TILE {
+        irregular |= (outside[i] > 0.0) & (product[i] == 0.0);
+        out[i] = apply(j[i], Factors { z: z[i], w: w[i], outside: outside[i], product: product[i] });
     }
-    for i in 0..WIDTH {
-        out[i] = [0, 1, 2, 3].map(|r| found[r][i]);
-    }
-    if !regular {
-        for i in 0..WIDTH {
+    if irregular {
+        for i in 0..TILE {
             out[i] = project(j[i], k[i]);
         }
     }
