@@ -320,6 +320,29 @@ def test_a_fit_too_coarse_is_not_called_infeasible():
         pt.transfer(*notched(*SLOT, spans=3))
 
 
+def test_a_target_that_retraces_itself_is_not_called_feasible():
+    """Where curves lie on each other, neither a crossing nor its absence can be proved."""
+    mp = models.build([models.bilinear(*SHEET)], 2, 3, None)
+    target = Boundary([polygon([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [1, 1], [0, 1]])])
+    with pytest.raises(pt.TransferError, match=r"target boundary: .*loop 0") as caught:
+        pt.transfer(mp, target)
+    assert "feasible" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"target": None}, r"target must be a Boundary .*got NoneType"),
+        ({"source": None}, r"source must be a MultiPatch .*got NoneType"),
+        ({"fit_tolerance": "a"}, "fit_tolerance must lie between 0 and 1, got 'a'"),
+    ],
+)
+def test_arguments_of_another_type_are_named(changed, message):
+    mp = models.build([models.bilinear(*SHEET)], 2, 3, None)
+    with pytest.raises(pt.InputError, match=message):
+        pt.transfer(**{"source": mp, "target": mp.boundary(), **changed})
+
+
 @pytest.mark.parametrize("notch", [[[1, 0.1]], [[1.02, 1], [1.0, 0.02], [0.98, 1]]])
 def test_a_boundary_that_is_missed_is_told(notch):
     """Also when all samples of the side lie on the target, which the fit may cut short."""

@@ -37,6 +37,8 @@ from .topology import CORNERS
 __all__ = ["Refilled", "TransferPlan", "transfer"]
 
 METHODS = ("certified", "paper")
+#: What messages on the target begin with.
+TARGET = "target boundary"
 #: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
 REFINEMENTS = 6
 #: A fit that misses the target by more than so many tolerances is tried once more.
@@ -134,6 +136,8 @@ class TransferPlan:
     """
 
     def __init__(self, source: MultiPatch, continuity: str = "c1", *, reference: Sequence[Patch] | None = None) -> None:
+        if not isinstance(source, MultiPatch):
+            raise InputError(f"source must be a MultiPatch (see read), got {type(source).__name__}")
         if continuity not in CONTINUITY:
             raise InputError(f"continuity must be one of {', '.join(CONTINUITY)}, got {continuity!r}")
         if source.is_rational:
@@ -178,6 +182,8 @@ class TransferPlan:
         on_failure: str = "raise",
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
+        if not isinstance(target, Boundary):
+            raise InputError(f"target must be a Boundary (see read_boundary), got {type(target).__name__}")
         for name, value, allowed in (
             ("method", method, METHODS),
             ("refine", refine, ("never", "auto")),
@@ -185,7 +191,7 @@ class TransferPlan:
         ):
             if value not in allowed:
                 raise InputError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
-        if not 0 < fit_tolerance < 1:
+        if not isinstance(fit_tolerance, int | float | np.number) or not 0 < fit_tolerance < 1:
             raise InputError(f"fit_tolerance must lie between 0 and 1, got {fit_tolerance!r}")
         if fixed_correspondence is None:
             fixed_correspondence = landmarks is not None or method == "paper"
@@ -290,7 +296,7 @@ class TransferPlan:
             # Before what depends on a correspondence is blamed on landmarks. As given, so that messages name the user's
             # own loops, curves and parameters. Registration itself refuses another number of loops.
             same = len(target.loops) == len(self._loops)
-            notes = check_loops(target.loops, "target boundary") if same else []
+            notes = check_loops(target.loops, TARGET) if same else []
         with clock("registration"):
             registration = register(self._outlines, target, landmarks, marked_curves=method == "paper")
         with clock("feasibility"):
@@ -362,6 +368,11 @@ class TransferPlan:
         """From the fitted boundary to the result, with the source's knots."""
         with clock("feasibility"):
             corner_bound, degenerate, failure = self._check_fit(fitted)
+            if failure is not None:
+                # Where the target touches itself, or nearly, its check proves nothing, and says so.
+                doubts = [note for note in registration.warnings if note.startswith(TARGET)]
+                feasible = doubts[0] if doubts else "the target is feasible"
+                failure = f"{feasible}, but the source's knots cannot represent it {failure}"
             warnings = [
                 f"patch {k} is degenerate at its corner {c}: one patch fills a straight angle of the target there"
                 for k, c in degenerate
@@ -426,11 +437,7 @@ class TransferPlan:
             check_loops(curves, "fitted boundary")
             corners = check_corners(curves, self._single, "fitted boundary")
         except InfeasibleTargetError as error:
-            failure = (
-                f"the target is feasible, but the source's knots cannot represent it (fit error {fitted.error:.1e} of "
-                f"the diameter): {error}"
-            )
-            return -1.0, [], failure
+            return -1.0, [], f"(fit error {fitted.error:.1e} of the diameter): {error}"
         degenerate = [self._corner_of(corner.loop, corner.joint) for corner in corners if corner.kind == "degenerate"]
         return min((corner.bound for corner in corners), default=1.0), degenerate, None
 
