@@ -82,6 +82,19 @@ def test_automatic_refinement_reaches_the_fit_tolerance(name):
     assert result.multipatch.topology.n_points < uniform.topology.n_points
 
 
+def test_refinement_keeps_the_room_that_exact_g1_needs():
+    """Found by trial: simple knots made the plan refuse its own source."""
+    mp = models.ALL["l-shape p3"]().split_spans().reduce_continuity(1)
+    target, landmarks = targets.deformed(mp, targets.bump(mp, (0.8, 0.5), (0.15, 0.1), 0.15), seed=3, degree=3)
+    result = pt.transfer(mp, target, landmarks, "g1", fit_tolerance=1e-5, refine="auto")
+    assert result.certificate.injective
+    assert result.boundary_error <= 1e-5
+    assert any("the source was refined" in w for w in result.warnings)
+    for patch in result.multipatch.patches:
+        for p, knots in zip(patch.degrees, patch.knots, strict=True):
+            assert np.unique(knots[p + 1 : -p - 1], return_counts=True)[1].min(initial=2) >= 2
+
+
 def test_nothing_is_refined_within_the_tolerance():
     mp = models.grid(2, 2, 3, 2)
     target, landmarks = targets.deformed(mp, targets.bend(mp, 20))

@@ -57,7 +57,9 @@ def strips(topology: Topology) -> dict[tuple[int, int], tuple[int, bool]]:
     return found
 
 
-def insert_in_strips(topology: Topology, patches: Sequence[Patch], knots: Iterable[Knot]) -> list[Patch]:
+def insert_in_strips(
+    topology: Topology, patches: Sequence[Patch], knots: Iterable[Knot], multiplicity: int = 1
+) -> list[Patch]:
     """Insert knots, each in all patches of its strip.
 
     Parameters
@@ -67,6 +69,8 @@ def insert_in_strips(topology: Topology, patches: Sequence[Patch], knots: Iterab
         The topology's patches, or others on the same knots (a reference map).
     knots : iterable of (patch, axis, parameter)
         Knots that the patch has already are inserted once more.
+    multiplicity : int, default 1
+        How often each is inserted.
 
     Returns
     -------
@@ -87,7 +91,8 @@ def insert_in_strips(topology: Topology, patches: Sequence[Patch], knots: Iterab
             x = np.sort(positions[strip])
             x = x[np.diff(x, prepend=-1.0) > SAME_KNOT]
             a, b = patch.knots[axis][[0, -1]]
-            patch = patch.insert_knots(axis, a + (b - a) * (np.sort(1 - x) if against else x))
+            x = np.repeat(np.sort(1 - x) if against else x, multiplicity)
+            patch = patch.insert_knots(axis, a + (b - a) * x)
         refined.append(patch)
     return refined
 

@@ -346,8 +346,10 @@ class TransferPlan:
     def _refined(self, knots: Sequence[Knot], registration: Registration) -> tuple[TransferPlan, Registration]:
         """A plan for the source with more knots, and the same correspondence with its boundary curves."""
         topology = self._welded.topology
-        patches = insert_in_strips(topology, topology.patches, knots)
-        reference = None if self.reference is None else insert_in_strips(topology, self.reference, knots)
+        # Exact G1 needs inner knots of C^(p - 2): simple ones would lock its rows.
+        multiplicity = 2 if self.continuity == "g1" else 1
+        patches = insert_in_strips(topology, topology.patches, knots, multiplicity)
+        reference = self.reference and insert_in_strips(topology, self.reference, knots, multiplicity)
         source = MultiPatch(patches, self.source.interfaces, self.source.ids)
         plan = TransferPlan(source, self.continuity, reference=reference)
         loops = [
