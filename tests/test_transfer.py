@@ -320,6 +320,27 @@ def test_a_fit_too_coarse_is_not_called_infeasible():
         pt.transfer(*notched(*SLOT, spans=3))
 
 
+@pytest.mark.parametrize("continuity", ["c1", "g1"])
+def test_rows_hold_far_from_the_origin(continuity):
+    """Found by trial: rows enlarge the rounding of coordinates until no Hessian is positive definite."""
+    mp = models.star(5, 3).split_spans().reduce_continuity(1)
+    target, landmarks = targets.deformed(mp, targets.bend(mp, 20))
+    near = pt.transfer(mp, target, landmarks, continuity)
+    shift = 1e6 * target.diameter * np.array([1.0, -0.5])
+    moved = [
+        [BSplineCurve(c.knots, c.degree, c.control_points + shift, c.weights) for c in loop] for loop in target.loops
+    ]
+    far = pt.transfer(mp, Boundary(moved), landmarks + np.array([0, 0, *shift]), continuity)
+    assert far.certificate.injective
+    assert far.rows.without == near.rows.without
+    assert far.rows.active == near.rows.active
+    # Of the 16 digits six are the place's; near-singular rows take more.
+    assert near.rows.residual <= far.rows.residual < 1e-5
+    assert far.quality.scaled_jacobian.mean == pytest.approx(near.quality.scaled_jacobian.mean, abs=1e-4)
+    for released in far.rows.released:
+        assert np.abs(np.subtract(released[1], shift)).max() < 10 * target.diameter
+
+
 def test_a_target_that_retraces_itself_is_not_called_feasible():
     """Where curves lie on each other, neither a crossing nor its absence can be proved."""
     mp = models.build([models.bilinear(*SHEET)], 2, 3, None)

@@ -8,7 +8,7 @@ says. A certified reference therefore never turns into an uncertified result.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -64,6 +64,12 @@ class ActiveRows:
     released: tuple[tuple[int, tuple[float, float]], ...] = ()
     without: tuple[int, ...] = ()
     contradictory: tuple[tuple[int, int], ...] = ()
+
+    def moved(self, centre: FloatArray, diameter: float) -> ActiveRows:
+        """The same of a map moved by `centre`: its coordinates are rounded to what is left of their digits there."""
+        rounding = float(np.spacing(np.abs(centre).max())) / diameter
+        released = tuple((i, (x + float(centre[0]), y + float(centre[1]))) for i, (x, y) in self.released)
+        return replace(self, residual=self.residual + 2 * rounding, released=released)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""

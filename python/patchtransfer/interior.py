@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
 from scipy.sparse import csc_array
 
 from .certificate import Certificate, certify
@@ -33,6 +34,8 @@ from .topology import Spoke
 __all__ = ["CONTINUITY", "InteriorMap", "InteriorSolver"]
 
 CONTINUITY = ("c0", "c1", "g1")
+#: Diameters from the origin beyond which a target is brought there to be solved.
+FAR = 100.0
 #: Optimizers under rows that a thread keeps, one a pattern of the null-space basis.
 KEPT_PATTERNS = 2
 
@@ -97,9 +100,35 @@ class InteriorSolver:
 
         Rows only follow speeds and frames of the map without them, so that a rough one is tried first. Where it has
         folds, or its rows cannot all be kept, the map without rows is found as if there were none to follow.
+
+        Near-singular rows enlarge the rounding of coordinates, so a target far from the origin is brought there first;
+        the proof is for the points as they are put back.
         """
+        check = partial(self.certify, clock=clock)
+        centre = start[self.source.topology.boundary_points].mean(axis=0)
+        diameter = float(np.linalg.norm(np.ptp(start[self.source.topology.boundary_points], axis=0)))
+        if float(np.linalg.norm(centre)) <= FAR * diameter:
+            return self._certified(start, degenerate, check, progress, clock)
+
+        def back(points: FloatArray) -> FloatArray:
+            there = np.array(points + centre)
+            there[self.source.topology.boundary_points] = start[self.source.topology.boundary_points]
+            return there
+
+        found = self._certified(start - centre, degenerate, lambda points: check(back(points)), progress, clock)
+        rows = found.rows and found.rows.moved(centre, diameter)
+        return replace(found, points=back(found.points), rows=rows)
+
+    def _certified(
+        self,
+        start: FloatArray,
+        degenerate: Sequence[tuple[int, int]],
+        check: Certify,
+        progress: Progress | None,
+        clock: Clock,
+    ) -> InteriorMap:
         topology = self.source.topology
-        make, check = partial(self.optimizer, degenerate), partial(self.certify, clock=clock)
+        make = partial(self.optimizer, degenerate)
         log: list[str] = []
         if self._levels:
             with clock("optimisation"):

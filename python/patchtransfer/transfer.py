@@ -39,6 +39,8 @@ __all__ = ["Refilled", "TransferPlan", "transfer"]
 METHODS = ("certified", "paper")
 #: What messages on the target begin with.
 TARGET = "target boundary"
+#: Below this confidence a fit that fails may be due to the correspondence.
+SURE = 0.5
 #: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
 REFINEMENTS = 6
 #: A fit that misses the target by more than so many tolerances is tried once more.
@@ -374,7 +376,9 @@ class TransferPlan:
                 # Where the target touches itself, or nearly, its check proves nothing, and says so.
                 doubts = [note for note in registration.warnings if note.startswith(TARGET)]
                 feasible = doubts[0] if doubts else "the target is feasible"
-                failure = f"{feasible}, but the source's knots cannot represent it {failure}"
+                sure = registration.confidence
+                wrong = "" if sure >= SURE else f", or its correspondence (confidence {sure:.2f}) needs landmarks"
+                failure = f"{feasible}, but the source's knots cannot represent it{wrong} {failure}"
             warnings = [
                 f"patch {k} is degenerate at its corner {c}: one patch fills a straight angle of the target there"
                 for k, c in degenerate
