@@ -9,11 +9,11 @@ core's own, libigl's as it comes. What counts is the ratio.
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Callable
 
 import igl
 import numpy as np
+from plan_map import seconds
 from triangulation import grid
 
 from patchtransfer import _core
@@ -22,12 +22,6 @@ from patchtransfer.harmonic import mesh_solver
 
 #: Steps in a run, and the bound of the conformal distortion; with it no run is free of flips, which would end it.
 STEPS, BOUND = 5, 1.2
-
-
-def seconds(work: Callable[[], object]) -> float:
-    begin = time.perf_counter()
-    work()
-    return time.perf_counter() - begin
 
 
 def compare(n: int, repeat: int) -> tuple[int, list[float]]:

@@ -66,7 +66,7 @@ class ActiveRows:
     contradictory: tuple[tuple[int, int], ...] = ()
 
     def moved(self, centre: FloatArray, diameter: float) -> ActiveRows:
-        """The same of a map moved by `centre`: its coordinates are rounded to what is left of their digits there."""
+        """The same of a map moved by `centre`; the residual is not measured there, rounding of coordinates is added."""
         rounding = float(np.spacing(np.abs(centre).max())) / diameter
         released = tuple((i, (x + float(centre[0]), y + float(centre[1]))) for i, (x, y) in self.released)
         return replace(self, residual=self.residual + 2 * rounding, released=released)

@@ -105,14 +105,16 @@ class InteriorSolver:
         the proof is for the points as they are put back.
         """
         check = partial(self.certify, clock=clock)
-        centre = start[self.source.topology.boundary_points].mean(axis=0)
-        diameter = float(np.linalg.norm(np.ptp(start[self.source.topology.boundary_points], axis=0)))
+        on = self.source.topology.boundary_points
+        boundary = start[on]
+        centre, diameter = boundary.mean(axis=0), float(np.linalg.norm(np.ptp(boundary, axis=0)))
         if float(np.linalg.norm(centre)) <= FAR * diameter:
             return self._certified(start, degenerate, check, progress, clock)
 
         def back(points: FloatArray) -> FloatArray:
             there = np.array(points + centre)
-            there[self.source.topology.boundary_points] = start[self.source.topology.boundary_points]
+            # To the bit: the proof of the loops is theirs.
+            there[on] = boundary
             return there
 
         found = self._certified(start - centre, degenerate, lambda points: check(back(points)), progress, clock)

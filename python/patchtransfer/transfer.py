@@ -374,8 +374,8 @@ class TransferPlan:
             corner_bound, degenerate, failure = self._check_fit(fitted)
             if failure is not None:
                 # Where the target touches itself, or nearly, its check proves nothing, and says so.
-                doubts = [note for note in registration.warnings if note.startswith(TARGET)]
-                feasible = doubts[0] if doubts else "the target is feasible"
+                doubts = (note for note in registration.warnings if note.startswith(TARGET))
+                feasible = next(doubts, "the target is feasible")
                 sure = registration.confidence
                 wrong = "" if sure >= SURE else f", or its correspondence (confidence {sure:.2f}) needs landmarks"
                 failure = f"{feasible}, but the source's knots cannot represent it{wrong} {failure}"

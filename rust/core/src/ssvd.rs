@@ -49,7 +49,7 @@ struct Factors {
     product: f64,
 }
 
-/// Without a branch, for matrices inside as well: nobody can predict which ones are, and so they can go several at a time.
+/// Without a branch, for matrices inside as well: nobody can predict which ones are, and several can go at a time.
 #[inline(always)]
 fn factors([a, b, c, d]: [f64; 4], k: f64) -> Factors {
     // Twice z and w: the factors depend on ratios only.
