@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -68,7 +68,7 @@ class Arc:
     def directions(self) -> list[Point]:
         """Bernstein coefficients of the tangent, up to a positive factor."""
         if len({w for _, _, w in self.points}) == 1:
-            return [minus(b[:2], a[:2]) for a, b in zip(self.points, self.points[1:], strict=False)]
+            return [minus(b[:2], a[:2]) for a, b in pairwise(self.points)]
         x, y, w = (np.array([[p[d]] for p in self.points], dtype=object) for d in range(3))
         n = len(x) - 1
 
@@ -90,10 +90,7 @@ class Arc:
         for _ in range(n):
             last = levels[-1]
             levels.append(
-                [
-                    tuple(CUT[0] * p + CUT[1] * q for p, q in zip(a, b, strict=True))
-                    for a, b in zip(last, last[1:], strict=False)
-                ]
+                [tuple(CUT[0] * p + CUT[1] * q for p, q in zip(a, b, strict=True)) for a, b in pairwise(last)]
             )
         low = [tuple(c * whole ** (n - k) for c in levels[k][0]) for k in range(n + 1)]
         high = [tuple(c * whole ** (n - k) for c in levels[k][-1]) for k in range(n, -1, -1)]

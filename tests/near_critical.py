@@ -239,36 +239,45 @@ def spirals(rng: Rng, probe: Probe) -> None:
 
 
 def spikes(rng: Rng, probe: Probe) -> None:
-    """A side with a kink that closes to a spike, or opens to one on the other side of it."""
+    """A side with a spike of less and less width, where the boundary comes to turn back on itself."""
     p = int(rng.integers(1, 3))
-    knots = (clamped([0.5] * p, p), [0.0, 0.0, 1.0, 1.0])
-    points, place = grid(knots, (p, 1)), placed(rng)
-    shift = rng.uniform(-0.3, 0.3)
+    knots = (clamped(np.repeat([0.4, 0.5, 0.6], p), p), [0.0, 0.0, 1.0, 1.0])
+    place, lean = placed(rng), rng.uniform(-0.2, 0.2)
+    bulge = rng.uniform(-0.03, 0.03, (4, 2)) * rng.choice([0.0, 1.0])
 
-    def build(t: float) -> MultiPatch:
-        moved = points.copy()
-        moved[p, 0] = 0.5 + shift, 0.9
-        moved[p - 1, 0] = moved[p, 0] + (t if p > 1 else 1.0) * np.array([-0.25, -0.5])
-        moved[p + 1, 0] = moved[p, 0] + np.array([-0.25 + (t if p == 1 else 0.0), -0.5])
-        return at(place, [Patch(knots, (p, 1), moved)])
+    def side(corners: np.ndarray, bulge: np.ndarray) -> np.ndarray:
+        if p == 1:
+            return corners
+        middles = 0.5 * (corners[:-1] + corners[1:]) + bulge
+        return np.insert(corners, range(1, len(corners)), middles, axis=0)
 
-    for t in (0.0, 1e-16, 1e-13, 1e-8, 0.3, -1e-13, float(rng.uniform(-1, 1))):
-        probe.check(build(t))
+    upper = side(np.array([[0, 1], [0.4, 1], [0.5, 1], [0.6, 1], [1, 1.0]]), 0.0 * bulge)
+
+    def build(width: float) -> MultiPatch:
+        tip = [0.5 + lean * width, -0.9]
+        lower = side(np.array([[0, 0], [0.5 - width, 0], tip, [0.5 + width, 0], [1, 0]]), width * bulge)
+        return at(place, [Patch(knots, (p, 1), np.stack([lower, upper], 1))])
+
+    for width in (0.0, 5e-324, 1e-16, 1e-13, 1e-8):
+        probe.check(build(width))
+        probe.check(build(-width))
+    bisect(build, 0.1, -0.1, probe)
 
 
 def subnormal_axes(rng: Rng, probe: Probe) -> None:
     """Hull points that differ by subnormal numbers, next to a second patch that overlaps, or nearly."""
     # Means of two equal numbers of this size differ from them by a few of the smallest subnormals; with knots near
     # these, on one hull.
-    tiny = np.array([1.435e-307, -1.573e-307]) * rng.uniform(0.5, 2.0)
+    tiny = np.array([1.4351669010636688e-307, -1.5729541744015223e-307])
     inner = [float(rng.uniform(0.37, 0.39)), float(rng.uniform(0.59, 0.61))]
-    if rng.random() < 0.3:
+    x, half, short = 0.15, 0.005, 0.84
+    if rng.random() < 0.4:
         tiny = 10.0 ** rng.uniform(-320, -290) * rng.uniform(-1, 1, 2)
         inner = np.sort(rng.uniform(0.2, 0.8, 2)).tolist()
+        x, half, short = rng.uniform(0.1, 0.2), rng.uniform(0.003, 0.006), rng.uniform(0.8, 0.9)
     lower = np.array([[-1, -1], [-0.9, -0.9], tiny, tiny, [0.9, 0.9], [1, 1.0]])
     upper = np.array([[-1, 1], [-0.8, 0.95], [-0.6, 0.95], [-0.3, 0.95], [0, 0.95], [0.5, 1.0]])
     bow = Patch((clamped(inner, 3), [0.0, 0.0, 1.0, 1.0]), (3, 1), np.stack([lower, upper], 1))
-    x, half, short = rng.uniform(0.1, 0.2), rng.uniform(0.003, 0.006), rng.uniform(0.8, 0.9)
     # A thin bar across the lower side, or beyond it.
     bar = np.array([[[x - half, -half], [x * short, 0.0]], [[x + half, half], [0.0, x * short]]])
     for shift in (0.0, 0.01 * x, -0.01 * x, 1.5 * x):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ class Findings:
         self.wrong += [(model, d) for d in disagreements(model, outcome)]
 
 
-@lru_cache(maxsize=None)
+@cache
 def findings(family: str) -> Findings:
     with LimitedCertify() as certify, np.errstate(over="ignore", invalid="ignore"):
         probe = Findings(certify)
@@ -97,7 +97,9 @@ def test_certify_stays_within_memory_and_time(family):
     assert not probe.broken, report(probe.broken, probe)
 
 
-@pytest.mark.parametrize("family", ["polynomial", "rational", "two_bodies", "spirals", "subnormal_axes", "rings"])
+@pytest.mark.parametrize(
+    "family", ["polynomial", "rational", "two_bodies", "spirals", "spikes", "subnormal_axes", "rings"]
+)
 def test_families_have_models_of_both_kinds(family):
     """What is never certified, or never folded, would test nothing."""
     statuses = findings(family).statuses
@@ -184,12 +186,12 @@ def test_opinion_on_parabolas():
 
 
 def test_opinion_on_gluing():
-    right = quad(SQUARE + [1.0, 0.0])
+    right = quad(SQUARE + np.array([1.0, 0.0]))
     glue = (Interface(0, Side.EAST, 1, Side.WEST, False),)
     assert opinion(MultiPatch([quad(SQUARE), right], glue)).injective is True
     # Not glued, they touch along a side.
     assert opinion(MultiPatch([quad(SQUARE), right], ())).injective is False
     folded = quad(SQUARE * [-1.0, 1.0] + [2.0, 0.0])
-    back = quad((SQUARE * [-0.5, 1.0] + [1.0, 0.0]))
+    back = quad(SQUARE * [-0.5, 1.0] + np.array([1.0, 0.0]))
     assert opinion(MultiPatch([quad(SQUARE), back], glue)).folded_over == (0,)
     assert opinion(MultiPatch([quad(SQUARE), folded], (Interface(0, Side.EAST, 1, Side.EAST, False),))).injective
