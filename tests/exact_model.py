@@ -179,9 +179,9 @@ def negative_in(cell: Cell, patch: Patch) -> bool:
     """Whether det J has both signs in a cell, by its exact coefficients there."""
     u0, u1, v0, v1 = map(Fraction, cell.bounds)
     queue = [p for p in exact.det_pieces(patch) if _overlap(p.bounds, (u0, u1, v0, v1))]
-    signs: set[int] = set()
-    for _ in range(48):
-        queue = [q for p in queue for q in p.halves() if _overlap(q.bounds, (u0, u1, v0, v1))][:64]
+    signs = {1 if x > 0 else -1 for x in exact.values_at(patch, *cell.point) if x}
+    # The cell's own corner mostly shows one sign, and a few cuts the other.
+    for _ in range(12):
         for piece in queue:
             for c in range(4):
                 u, v = piece.point(c)
@@ -189,6 +189,7 @@ def negative_in(cell: Cell, patch: Patch) -> bool:
                     signs.add(1 if piece.corner(c) > 0 else -1)
         if len(signs) == 2:
             return True
+        queue = [q for p in queue for q in p.halves() if _overlap(q.bounds, (u0, u1, v0, v1))][:64]
     return False
 
 
