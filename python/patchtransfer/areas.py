@@ -19,6 +19,10 @@ __all__ = ["SideGroup", "enclosed_areas", "group_sides", "numbered", "polygon_ar
 AROUND = ((Side.SOUTH, 1.0), (Side.EAST, 1.0), (Side.NORTH, -1.0), (Side.WEST, -1.0))
 
 
+#: Coordinates whose products neither overflow nor underflow where it matters.
+SQUARES = (2.0**-200, 2.0**200)
+
+
 def numbered(shapes: Sequence[tuple[int, int]]) -> list[IntArray]:
     """Numbers 0, 1, ... of the control points of patches of these shapes, patch by patch."""
     numbers, first = [], 0
@@ -65,8 +69,14 @@ def group_sides(patches: Sequence[Patch], sides: Iterable[tuple[int, int, Side, 
 
 
 def enclosed_areas(patches: Sequence[Patch], groups: Sequence[SideGroup], n: int) -> FloatArray:
-    """Signed areas by ½∮ x dy - y dx of `n` owners of sides: exact up to rounding, or of rational sides' polygons."""
+    """Signed areas by ½∮ x dy - y dx of `n` owners of sides: exact up to rounding, or of rational sides' polygons.
+
+    In units of the coordinates squared, or of a power of two where these squares would over- or underflow.
+    """
     control = np.concatenate([patch.control_points.reshape(-1, 2) for patch in patches])
+    size = float(np.abs(control).max())
+    if not SQUARES[0] < size < SQUARES[1]:
+        control = np.ldexp(control, -int(np.frexp(size)[1]))
     areas = np.zeros(n)
     for form, owners, signs, entries, origins in groups:
         x, y = (control[entries] - control[origins][:, None]).transpose(2, 0, 1)

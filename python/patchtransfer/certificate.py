@@ -14,7 +14,8 @@ boundary the loops are simple and disjoint. The knots' lines of low continuity d
 is applied to each Bézier piece. ∎
 
 All hypotheses are decided in floating point with bounds on the rounding error: what is called proved is
-proved for the numbers as they are stored.
+proved for the numbers as they are stored (``docs/stages/rounding.md``), or, where the sides of an interface differ by
+rounding, for the common ones that the notes name (`welding`).
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ import numpy as np
 
 from . import _core
 from .errors import InputError
-from .multipatch import Interface, MultiPatch
-from .splines import BSplineCurve
+from .multipatch import MultiPatch
+from .splines import BSplineCurve, Patch
+from .welding import Welded, in_own_knots, interface_name, weld
 
 __all__ = ["BoundaryReport", "Cell", "Certificate", "Meeting", "certify", "check_boundary"]
 
@@ -37,14 +39,8 @@ __all__ = ["BoundaryReport", "Cell", "Certificate", "Meeting", "certify", "check
 STATUSES = ("certified", "degenerate", "undecided", "folded")
 #: Reasons listed for patches and loops before the rest is only counted.
 MAX_REASONS = 20
-#: Interface control points may differ by this many units of the largest coordinate's roundoff.
-WELD_ULPS = 8.0
 #: Largest degree whose products have exact binomials.
 MAX_DEGREE = 19
-#: Knots along an interface may differ by this many units of roundoff of their range.
-KNOT_ULPS = 4.0
-#: Twice the unit of roundoff.
-EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -55,14 +51,17 @@ class Cell:
     ----------
     patch : int
     kind : str
-        "folded" (det J < 0 at `point`, proved), "undecided", or "degenerate" (det J = 0 within rounding at
-        the patch corner `point`, and positive elsewhere in the cell).
+        "folded" (det J < 0 at `point`, proved), "undecided", or "degenerate" (det J >= 0, zero within the rounding
+        of the coordinates at the patch corner `point` and positive elsewhere in the cell, proved).
     bounds : tuple of float
         (u0, u1, v0, v1).
     point : tuple of float
         The corner (u, v) of the cell with the smallest det J; at a knot, its limit from inside the cell.
     value : float
-        det J at `point` relative to the patch's mean det J.
+        det J at `point` relative to the patch's mean det J; NaN where numbers overflow.
+    within_rounding : bool
+        Of an undecided cell: det J < 0 at the patch corner `point`, but by no more than the rounding of the
+        coordinates, as of a straight angle that was written down.
     """
 
     patch: int
@@ -70,6 +69,7 @@ class Cell:
     bounds: tuple[float, float, float, float]
     point: tuple[float, float]
     value: float
+    within_rounding: bool = False
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,8 @@ class Meeting:
     Attributes
     ----------
     kind : str
-        "crossing" (proved), "near" (they touch, or nearly so) or "cusp" (the boundary turns back on itself).
+        "crossing" (proved), "near" (they touch, or nearly so), "cusp" (the boundary turns back on itself, or nearly
+        so) or "unfinished" (the search took too many steps and ended here).
     a, b : tuple
         (loop, curve in the loop, parameter on the curve).
     point : tuple of float
@@ -96,7 +97,9 @@ class Meeting:
         (k, i, s), (m, j, t) = self.a, self.b
         where = f"at ({x:.6g}, {y:.6g}): curve {i} at t={s:.6g}, curve {j} at t={t:.6g}"
         if self.kind == "cusp":
-            return f"boundary loop {k} turns back on itself {where}"
+            return f"boundary loop {k} turns back on itself, or nearly so, {where}"
+        if self.kind == "unfinished":
+            return f"the proof that the boundary is simple takes too many steps; it ended {where}"
         crossing = self.kind == "crossing"
         if k == m:
             return f"boundary loop {k} {'crosses' if crossing else 'touches or nearly touches'} itself {where}"
@@ -112,7 +115,7 @@ class BoundaryReport:
     simple : bool or None
         True: all loops simple, disjoint and rightly nested; False: disproved; None: undecided.
     crossings : tuple of Meeting
-        Proved crossings first, then places that could not be decided.
+        Proved crossings first, then places that could not be decided. After 32 crossings no more are looked for.
     orientation : tuple of int
         Of each loop, +1 counter-clockwise, -1 clockwise, 0 undecided.
     around : tuple of (tuple of int or None)
@@ -134,11 +137,10 @@ class Certificate:
     Attributes
     ----------
     injective : bool
-        Status "certified": proved injective; or "degenerate": proved but at the named patch corners, where det J
-        vanishes within the rounding of the coordinates.
+        Status "certified" or "degenerate": proved injective.
     status : str
-        "certified"; "degenerate": injective, but det J = 0 within rounding at named patch corners; "folded":
-        proved not to be injective; "undecided".
+        "certified"; "degenerate": injective, but det J, which is proved not to be negative, is zero within the
+        rounding of the coordinates at named patch corners; "folded": proved not to be injective; "undecided".
     lower_bound : float
         Proved lower bound of det J relative to the patch's mean det J (|area| / parametric area), the minimum
         over the patches; for a rational patch the mean is a quadrature. Positive when all patches are
@@ -170,7 +172,10 @@ class Certificate:
             "status": self.status,
             "lower_bound": self.lower_bound if np.isfinite(self.lower_bound) else None,
             "cells": [
-                {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(cell).items()} for cell in self.cells
+                asdict(cell)
+                | {"bounds": list(cell.bounds), "point": list(cell.point)}
+                | {"value": cell.value if np.isfinite(cell.value) else None}
+                for cell in self.cells
             ],
             "reasons": list(self.reasons),
             "notes": list(self.notes),
@@ -178,7 +183,7 @@ class Certificate:
 
     def __str__(self) -> str:
         if self.status == "certified":
-            welded = " (sides that differ by rounding taken at their mean)" if self.notes else ""
+            welded = " (sides that differ by rounding made one)" if self.notes else ""
             return f"certified injective: det J >= {self.lower_bound:.3g} of its mean on every patch{welded}"
         head = "injective, degenerate" if self.injective else f"not certified ({self.status})"
         more = f" (and {len(self.reasons) - 1} more)" if len(self.reasons) > 1 else ""
@@ -224,10 +229,11 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
     for k, patch in enumerate(multipatch.patches):
         if max(patch.degrees) > MAX_DEGREE:
             raise InputError(f"patch {k}: degrees {patch.degrees} exceed {MAX_DEGREE}, the largest certified")
-    multipatch, gaps, notes = _weld(multipatch)
+    given, welded = multipatch, weld(multipatch)
+    multipatch, notes = welded.multipatch, welded.notes
     topology = multipatch.topology
     proofs = _core.certify_patches(
-        [patch.to_core() for patch in multipatch.patches],
+        [patch.to_core() for patch in welded.patches],
         [float(s) for s in topology.orientation],
         max_depth,
     )
@@ -235,8 +241,7 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
     findings: list[tuple[str, str]] = []
     positive = []
     for k, (_, sign_agrees, _, found) in enumerate(proofs):
-        # The core gives lists where a frozen, hashable value needs tuples.
-        here = [Cell(k, kind, (*b,), (*p,), value) for kind, b, p, value in found]
+        here = [_cell(k, given.patches[k], welded.patches[k], *cell) for cell in found]
         cells += here
         findings += [(here[0].kind, _patch_reason(here))] if here else []
         positive.append(sign_agrees and all(cell.kind == "degenerate" for cell in here))
@@ -247,8 +252,8 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
                     f"patch {k}: area and control polygon differ in sign; insert knots on its sides",
                 )
             )
-    findings += _gluing(multipatch, gaps, positive)
-    boundary, verdicts = _boundary(multipatch)
+    findings += _gluing(welded, positive)
+    boundary, verdicts = _boundary(welded)
     findings += verdicts
     status = max((kind for kind, _ in findings), key=STATUSES.index, default="certified")
     ordered = sorted(findings, key=lambda f: -STATUSES.index(f[0]))
@@ -264,28 +269,20 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
     )
 
 
-def _weld(multipatch: MultiPatch) -> tuple[MultiPatch, list[float], list[str]]:
-    """Take the mean of both sides' control points where they differ by rounding only, and say so.
-
-    Programs that evaluate or transform the sides of an interface one by one write such files; a rewritten model has
-    one number for both. The gaps are those that are left, interface by interface.
-    """
-    gaps = _point_gaps(multipatch)
-    if multipatch.is_rational or not any(gaps):
-        return multipatch, gaps, []
-    points = multipatch.topology.coordinates
-    if max(gaps) > WELD_ULPS * EPS * float(np.abs(points).max()):
-        return multipatch, gaps, []
-    notes = [
-        f"interface {_name(f)}: the two sides differ by rounding ({gap:.2g}); the outcome is for their common mean"
-        for f, gap in zip(multipatch.interfaces, gaps, strict=True)
-        if gap > 0.0
-    ]
-    return multipatch.with_shared_points(points), [0.0] * len(gaps), notes
-
-
-def _name(f: Interface) -> str:
-    return f"patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
+def _cell(
+    k: int,
+    given: Patch,
+    welded: Patch,
+    kind: str,
+    bounds: tuple[float, float, float, float],
+    point: tuple[float, float],
+    value: float,
+) -> Cell:
+    """A cell of the core in the patch's own parameters."""
+    u0, u, u1 = in_own_knots([bounds[0], point[0], bounds[1]], given.knots[0], welded.knots[0])
+    v0, v, v1 = in_own_knots([bounds[2], point[1], bounds[3]], given.knots[1], welded.knots[1])
+    below = kind == "below rounding"
+    return Cell(k, "undecided" if below else kind, (u0, u1, v0, v1), (u, v), value, below)
 
 
 def _shorten(reasons: list[str]) -> tuple[str, ...]:
@@ -304,48 +301,44 @@ def _patch_reason(cells: Sequence[Cell]) -> str:
     if worst.kind == "degenerate":
         places = ", ".join(f"({c.point[0]:.6g}, {c.point[1]:.6g})" for c in cells)
         return f"patch {worst.patch} is degenerate at its corner (u, v) = {places}: det J = 0 within rounding"
+    if worst.within_rounding:
+        return (
+            f"patch {worst.patch} is undecided {where}: det J = {worst.value:.3g} of its mean there, negative within "
+            "the rounding of the coordinates; move a control point beside this corner by an ulp (a transfer does so "
+            "with its source)"
+        )
     return (
         f"patch {worst.patch} is undecided {where}: det J = {worst.value:.3g} of its mean there, and neither "
         "sign is proved around it; raise max_depth, or move the control points there"
     )
 
 
-def _gluing(multipatch: MultiPatch, gaps: Sequence[float], positive: Sequence[bool]) -> list[tuple[str, str]]:
+def _gluing(welded: Welded, positive: Sequence[bool]) -> list[tuple[str, str]]:
     """Collect what speaks against the interfaces; `positive` says where det J > 0 is proved."""
+    multipatch = welded.multipatch
     topology, patches = multipatch.topology, multipatch.patches
     folded_over, findings = topology.folded_over, []
-    for i, (f, gap, knot_gap) in enumerate(zip(multipatch.interfaces, gaps, topology.knot_gaps, strict=True)):
+    sides = zip(multipatch.interfaces, welded.point_gaps, welded.knot_gaps, strict=True)
+    for i, (f, gap, knot_gap) in enumerate(sides):
         if i in folded_over:
             kind = "folded" if positive[f.patch_a] and positive[f.patch_b] else "undecided"
             text = "the patches lie on the same side of it, one folds back on the other"
-            findings.append((kind, f"interface {_name(f)}: {text}"))
+            findings.append((kind, f"interface {interface_name(f)}: {text}"))
         a, b = patches[f.patch_a].weights, patches[f.patch_b].weights
         weight_gap = 0.0
         if a is not None and b is not None:
             along_a, along_b = f.side_a.of(a), f.side_b.of(b)
             weight_gap = float(np.abs(along_a - (along_b[::-1] if f.reversed else along_b)).max())
-        # The bounds on det J allow every knot this much, relative to the largest one: at least half the range.
-        knot_gap = knot_gap if knot_gap > KNOT_ULPS * EPS / 2 else 0.0
         for what, size in (("control points", gap), ("weights", weight_gap), ("knots", knot_gap)):
             if size != 0.0:
                 text = (
                     f"{what} of the two sides differ by {size:.3g}; take one side's numbers for both (a MultiPatch "
                     "rewritten by patchtransfer has bit-equal interfaces)"
                 )
-                findings.append(("undecided", f"interface {_name(f)}: {text}"))
+                findings.append(("undecided", f"interface {interface_name(f)}: {text}"))
         if (a is None) != (b is None):
-            findings.append(("undecided", f"interface {_name(f)}: only one side has weights; make both rational"))
+            findings.append(("undecided", f"interface {interface_name(f)}: only one side has weights; make both rational"))
     return findings
-
-
-def _point_gaps(multipatch: MultiPatch) -> list[float]:
-    """Largest difference of the control points of an interface's two sides, interface by interface."""
-    if not multipatch.interfaces:
-        return []
-    a, b, starts = multipatch.topology.glued_entries
-    points = np.concatenate([patch.control_points.reshape(-1, 2) for patch in multipatch.patches])
-    gaps: list[float] = np.maximum.reduceat(np.abs(points[a] - points[b]).max(axis=1), starts).tolist()
-    return gaps
 
 
 def check_boundary(loops: Iterable[Iterable[BSplineCurve]]) -> BoundaryReport:
@@ -407,12 +400,12 @@ def _check_boundary(loops: _Loops) -> BoundaryReport:
     return BoundaryReport(simple, crossings, tuple(orientation), nested, _shorten(reasons))
 
 
-def _boundary(multipatch: MultiPatch) -> tuple[BoundaryReport, list[tuple[str, str]]]:
+def _boundary(welded: Welded) -> tuple[BoundaryReport, list[tuple[str, str]]]:
     try:
-        loops = multipatch.loops
+        loops = welded.multipatch.loops
     except InputError as error:
         return BoundaryReport(None, (), (), (), (str(error),)), [("undecided", str(error))]
-    report = check_boundary([side.curve(multipatch.patches) for side in loop] for loop in loops)
+    report = check_boundary([side.curve(welded.patches) for side in loop] for loop in loops)
     if report.simple:
         return report, []
     kind = "folded" if report.simple is False else "undecided"

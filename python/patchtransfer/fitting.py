@@ -27,6 +27,7 @@ from .outline import Outline, hausdorff
 from .packing import PackedCurves, pack_curves, unpack_curves
 from .registration import LoopRegistration, Registration
 from .splines import BSplineCurve, FloatArray, IntArray, collocation_matrix, frozen_array, knot_spans
+from .straight_corners import Triangles, straighten
 
 __all__ = ["FREE", "STIFF", "FittedBoundary", "FittedSide", "Stiffness", "fit_boundary"]
 
@@ -191,7 +192,21 @@ def fit_boundary(
         points, errors = fit.control_points(), fit.errors(True)
     else:
         points, errors = _iterate(fit, counts, pairs, tolerance * diameter, stiffness.max_stray)
+    points, _ = straighten(points, _single_corners(counts, single))
     return _collect(registration, points, errors / diameter, smooth, uniform, tolerance, diameter)
+
+
+def _single_corners(counts: Sequence[int], single: Sequence[NDArray[np.bool_]]) -> Triangles:
+    """Triangles of a joint and its two legs where one patch fills the corner; points are numbered side by side."""
+    first = np.cumsum(counts) - counts
+    leg = first + np.asarray(counts) - 2
+    rows, side = [], 0
+    for flags in single:
+        these = np.arange(side, side + len(flags))
+        rows.append(np.stack([first[these], first[these] + 1, leg[np.roll(these, 1)]], axis=1)[np.asarray(flags)])
+        side += len(flags)
+    corners = np.concatenate(rows)
+    return Triangles(corners, np.ones(len(corners), np.int64))
 
 
 def _collect(

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from fractions import Fraction
+from functools import cached_property, lru_cache
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -252,6 +253,13 @@ class Topology:
         other.orientation = np.where(signed_areas(patches, self.kept) >= 0, 1, -1)
         return other
 
+    def kept_for(self, name: str, find: Callable[[Topology], T]) -> T:
+        """What a later stage finds from shapes, knots and interfaces alone, once for all control points."""
+        if name not in self.kept:
+            self.kept[name] = find(self)
+        found: T = self.kept[name]
+        return found
+
     def __getstate__(self) -> dict[str, Any]:
         # Found again faster than sent.
         return self.__dict__ | {"kept": {}}
@@ -286,19 +294,12 @@ class Topology:
 
     @combinatorial
     def knot_gaps(self) -> tuple[float, ...]:
-        """Largest difference of the two sides' knots, mapped to [0, 1], interface by interface."""
-        gaps = []
-        for f in self.interfaces:
-            # Extended precision, so that the comparison adds no rounding of its own.
-            a, b = (
-                self.patches[k].knots[side.axis].astype(np.longdouble)
-                for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b))
-            )
-            a, b = a - a[0], b - b[0]
-            if f.reversed:
-                b = b[-1] - b[::-1]
-            gaps.append(float(np.abs(a / a[-1] - b / b[-1]).max()))
-        return tuple(gaps)
+        """Largest difference of the two sides' knots, mapped to [0, 1], interface by interface; 0 if there is none."""
+        sides = [
+            [self.patches[k].knots[side.axis].tobytes() for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b))]
+            for f in self.interfaces
+        ]
+        return tuple(_knot_gap(a, b, f.reversed) for f, (a, b) in zip(self.interfaces, sides, strict=True))
 
     @combinatorial
     def boundary_points(self) -> IntArray:
@@ -474,6 +475,18 @@ class Topology:
     def chords(self) -> tuple[tuple[int, ...], ...]:
         """Interfaces (indices) joined through opposite edges of interior valence-4 vertices."""
         return tuple(tuple(index for index, _ in chord) for chord in self.directed_chords)
+
+
+@lru_cache(maxsize=256)
+def _knot_gap(bytes_a: bytes, bytes_b: bytes, backwards: bool) -> float:
+    """Largest difference of knots mapped to [0, 1]: exactly, for whether it is zero decides on the certificate."""
+    if bytes_a == bytes_b and not backwards:
+        return 0.0
+    a, b = ([Fraction(t) for t in np.frombuffer(knots).tolist()] for knots in (bytes_a, bytes_b))
+    if backwards:
+        b = [-t for t in reversed(b)]
+    length_a, length_b = a[-1] - a[0], b[-1] - b[0]
+    return float(max(abs((s - a[0]) / length_a - (t - b[0]) / length_b) for s, t in zip(a, b, strict=True)))
 
 
 def _chain(around: list[Spoke], follows: dict[Spoke, Spoke]) -> tuple[Spoke, ...]:

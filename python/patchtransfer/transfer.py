@@ -30,7 +30,9 @@ from .refinement import Knot, insert_in_strips, missed_spans, span_middles
 from .registration import Registration, register
 from .result import TransferResult
 from .sliding import Slid, movable_joints, slide_joints
+from .source_corners import straighten_source
 from .splines import FloatArray, Patch
+from .straight_corners import corner_triangles, straighten
 from .task import TransferTask, in_order
 from .topology import CORNERS
 
@@ -160,15 +162,19 @@ class TransferPlan:
                 "by one"
             )
         self._welded = source.with_shared_points(topology.coordinates)
+        certificate = certify(self._welded)
+        self._welded, self._notes = straighten_source(self._welded, certificate)
+        if self._notes:
+            self.source = source = self._welded
+            topology, certificate = source.topology, certify(source)
+        if not certificate.injective:
+            raise InputError(f"the source is not an injective parameterization: {'; '.join(certificate.reasons)}")
         self._loops = self._welded.boundary().loops
         self._outlines = [Outline(loop) for loop in self._loops]
         valence = {vertex.point: vertex.valence for vertex in topology.vertices}
         of_sides = [[side.points(topology.points[side.patch]) for side in loop] for loop in topology.loops]
         self._single = [[valence[int(points[0])] == 1 for points in loop] for loop in of_sides]
         self._side_points = np.concatenate([points for loop in of_sides for points in loop])
-        certificate = certify(self._welded)
-        if not certificate.injective:
-            raise InputError(f"the source is not an injective parameterization: {'; '.join(certificate.reasons)}")
         self._interior = InteriorSolver(source, continuity, reference)
 
     def transfer(
@@ -203,11 +209,12 @@ class TransferPlan:
         registration = self._register(target, landmarks, method, clock)
         movable = None if fixed_correspondence else movable_joints(registration, landmarks)
         plan, fitted = self, self._fit(registration, method, fit_tolerance, clock)
-        notes: list[str] = []
+        notes = list(self._notes)
         if refine == "auto":
-            plan, registration, fitted, notes = self._refined_to_tolerance(
+            plan, registration, fitted, refined = self._refined_to_tolerance(
                 registration, fitted, method, fit_tolerance, clock
             )
+            notes += refined
         result = plan._attempt(registration, fitted, movable, method, progress, fit_tolerance, clock)
         if refine == "auto" and not result.certificate.injective:
             plan, registration = plan._refined(span_middles(plan.source.patches), registration)
@@ -289,6 +296,7 @@ class TransferPlan:
         check_loops(curves, "boundary")
         corners = check_corners(curves, self._single, "boundary")
         degenerate = [self._corner_of(c.loop, c.joint) for c in corners if c.kind == "degenerate"]
+        start, _ = straighten(start, corner_triangles(topology, degenerate))
         found = self._interior.certified(start, degenerate, progress, Clock())
         return Refilled(self.source.with_shared_points(found.points), found.certificate, tuple(found.log))
 

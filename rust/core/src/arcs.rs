@@ -1,10 +1,19 @@
 //! Bézier arcs of closed loops with bounds on their rounding: hulls, tangents, winding, orientation.
+//!
+//! Coordinates are scaled once to magnitude one (`frame_of`), weights of a curve likewise. A test may use any axis,
+//! rounded or not: what it needs is only that products with that axis are bounded. Each margin has an absolute part,
+//! [`TINY`], for products that underflow, so an axis as short as subnormal differences make it separates nothing.
 
-use crate::bernstein::{BoundedBernstein, Extraction, SLACK, TINY, U, extract, knot_uncertainty};
-use crate::simple_loops::Place;
-use crate::spline::SplineCurve;
 use std::borrow::Cow;
 use std::sync::LazyLock;
+
+use crate::bernstein::{BoundedBernstein, Extraction, SLACK, TINY, U, extract, larger, power_of_two_above};
+use crate::budget::Budget;
+use crate::simple_loops::Place;
+use crate::spline::SplineCurve;
+
+/// Chords below this length have no direction: products with them may underflow.
+const SHORT: f64 = 1e-140;
 
 /// Cross product.
 pub(crate) fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
@@ -25,8 +34,11 @@ pub(crate) fn extent(points: &[[f64; 2]]) -> f64 {
         .fold(0.0, f64::max)
 }
 
+/// Smallest and largest value, both NaN if any value is.
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), x| (lo.min(x), hi.max(x)))
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), x| {
+        (if x < lo || x.is_nan() { x } else { lo }, larger(hi, x))
+    })
 }
 
 /// A point in the middle of all control points and a power of two above their distance from it.
@@ -37,8 +49,7 @@ pub(crate) fn frame_of(loops: &[Vec<SplineCurve>]) -> ([f64; 2], f64) {
         0.5 * lo + 0.5 * hi
     });
     let size = points().map(|&p| minus(p, origin)).fold(0.0, |m, p| f64::max(m, p[0].abs().max(p[1].abs())));
-    let unit = if size > 0.0 { size.log2().ceil().clamp(-1000.0, 1000.0).exp2() } else { 1.0 };
-    (origin, unit)
+    (origin, power_of_two_above(size))
 }
 
 /// Cartesian control points of an arc or of a chain of arcs: its hull.
@@ -60,11 +71,16 @@ impl Flat {
         self.points[self.points.len() - 1]
     }
 
-    /// `[x0, x1, y0, y1]`, the error included.
+    /// `[x0, x1, y0, y1]`, the error included; the whole plane where nothing is known.
     pub fn bounds(&self) -> [f64; 4] {
         let (x, y) = (range(self.points.iter().map(|p| p[0])), range(self.points.iter().map(|p| p[1])));
-        let e = 2.0 * self.err;
-        [x.0 - e, x.1 + e, y.0 - e, y.1 + e]
+        let e = 2.0 * self.err + TINY;
+        let bounds = [x.0 - e, x.1 + e, y.0 - e, y.1 + e];
+        if bounds.iter().any(|x| x.is_nan()) {
+            [f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY]
+        } else {
+            bounds
+        }
     }
 
     pub fn joined(mut self, next: Self) -> Self {
@@ -75,13 +91,15 @@ impl Flat {
     /// Whether a line separates the two hulls, by more than the errors.
     ///
     /// Axes: coordinates, centre to centre, and the normals of all lines through two points of either hull,
-    /// which include those of the hulls' edges.
-    pub fn separated(&self, other: &Self) -> bool {
+    /// which include those of the hulls' edges. Rounding: two products, a sum and the difference of two sums.
+    pub fn separated(&self, other: &Self, budget: &Budget) -> bool {
+        let cost = self.points.len() + other.points.len();
         let clear = |n: [f64; 2]| {
+            budget.spend(cost);
             let along = |p: &[f64; 2]| n[0] * p[0] + n[1] * p[1];
             let (a, b) = (range(self.points.iter().map(along)), range(other.points.iter().map(along)));
             let size = n[0].abs() + n[1].abs();
-            let margin = SLACK * (self.err + other.err + 4.0 * U * (self.reach + other.reach)) * size;
+            let margin = SLACK * (self.err + other.err + 4.0 * U * (self.reach + other.reach)) * size + TINY;
             b.0 - a.1 > margin || a.0 - b.1 > margin
         };
         if clear([1.0, 0.0]) || clear([0.0, 1.0]) {
@@ -116,13 +134,16 @@ pub(crate) struct Bezier {
 
 impl Bezier {
     fn magnitude(&self) -> (f64, f64) {
-        self.points.iter().fold((0.0, 0.0), |(m, w), p| (m.max(p[0].abs()).max(p[1].abs()), w.max(p[2])))
+        self.points
+            .iter()
+            .fold((0.0, 0.0), |(m, w), p| (larger(larger(m, p[0].abs()), p[1].abs()), larger(w, p[2])))
     }
 
     fn with_rounding(points: Vec<[f64; 3]>, before: &Self, steps: f64) -> Self {
         let (m, w) = before.magnitude();
-        let weight = if before.is_polynomial() { 0.0 } else { before.err[1] + steps * U * w };
-        Self { points, err: [SLACK * (before.err[0] + steps * U * m) + TINY, SLACK * weight] }
+        let after = |err: f64, size: f64| SLACK * (err + steps * U * size) + TINY;
+        let weight = if before.is_polynomial() { 0.0 } else { after(before.err[1], w) };
+        Self { points, err: [after(before.err[0], m), weight] }
     }
 
     fn is_polynomial(&self) -> bool {
@@ -168,14 +189,14 @@ impl Bezier {
 
     pub fn flat(&self) -> Flat {
         let points: Vec<[f64; 2]> = self.points.iter().map(|p| [p[0] / p[2], p[1] / p[2]]).collect();
-        let reach = points.iter().flatten().fold(0.0, |m, x| f64::max(m, x.abs()));
+        let reach = points.iter().flatten().fold(0.0, |m, x| larger(m, x.abs()));
         let err = if self.is_polynomial() {
             self.err[0]
         } else {
             let low = self.points.iter().map(|p| p[2]).fold(f64::INFINITY, f64::min) - self.err[1];
             // No bound if the weights are lost in rounding: nothing will be proved then.
             let err = (self.err[0] + reach * self.err[1]) / low + 2.0 * U * reach;
-            if low > 0.0 { SLACK * err } else { f64::INFINITY }
+            if low > 0.0 { SLACK * err + TINY } else { f64::INFINITY }
         };
         Flat { points, err, reach }
     }
@@ -203,11 +224,20 @@ impl Slope {
             low.vectors[level] = high.vectors[0];
             low.zero[level] = high.zero[0];
         }
-        let size = self.vectors.iter().flatten().fold(0.0, |m, x| f64::max(m, x.abs()));
-        let err = SLACK * (self.err + n as f64 * U * size) + TINY;
+        let err = SLACK * (self.err + n as f64 * U * self.size()) + TINY;
         low.err = err;
         high.err = err;
         [low, high]
+    }
+
+    fn size(&self) -> f64 {
+        self.vectors.iter().flatten().fold(0.0, |m, x| larger(m, x.abs()))
+    }
+
+    /// Whether rounding drowns all vectors: then it does on every part too, and halving is of no use.
+    pub fn is_lost(&self) -> bool {
+        // Also where they are NaN.
+        !(self.size() > self.err)
     }
 
     /// Whether all vectors that do not vanish have a positive component along `n`, beyond rounding.
@@ -283,6 +313,11 @@ pub(crate) fn arcs_of_loop(
         gap = gap.max(off[0].hypot(off[1]));
         let mut curve = curve.clone();
         curve.points[end] = next;
+        // Only ratios of weights matter; magnitude one keeps products from underflow.
+        if let Some(weights) = &mut curve.weights {
+            let unit = power_of_two_above(weights.iter().copied().fold(0.0, larger));
+            weights.iter_mut().for_each(|w| *w /= unit);
+        }
         // Neighbours mostly have the same knots.
         if !(index > 0 && curve.degree == curves[index - 1].degree && curve.knots == curves[index - 1].knots)
         {
@@ -291,10 +326,9 @@ pub(crate) fn arcs_of_loop(
                 Some((Extraction::new(&curve.knots, curve.degree), Extraction::new(inner, curve.degree - 1)));
         }
         let (values, slopes) = extractions.as_ref().expect("made for the first curve");
-        let uncertain = 5.0 * U + knot_uncertainty(&curve.knots);
         for span in 0..values.first.len() {
             let slope = match curve.weights {
-                None => polynomial_slope(&curve, unit, slopes, uncertain, span),
+                None => polynomial_slope(&curve, unit, slopes, span),
                 Some(_) => rational_slope(&curve, unit, values, span),
             };
             if !slope.zero.iter().all(|z| *z) {
@@ -309,7 +343,7 @@ pub(crate) fn arcs_of_loop(
         let bezier = &mut arcs[i].bezier;
         let last = bezier.points.last_mut().expect("arcs have control points");
         let moved = if last[2] == next[2] { next } else { [0, 1, 2].map(|d| next[d] / next[2] * last[2]) };
-        let shift = (0..3).map(|d| (moved[d] - last[d]).abs()).fold(0.0, f64::max);
+        let shift = (0..3).map(|d| (moved[d] - last[d]).abs()).fold(0.0, larger);
         *last = moved;
         bezier.err[0] += SLACK * shift;
         if bezier.err[1] > 0.0 {
@@ -326,7 +360,7 @@ fn bezier_of(curve: &SplineCurve, origin: [f64; 2], unit: f64, values: &Extracti
     let first = values.first[span];
     let weight = |k: usize| curve.weights.as_ref().map_or(1.0, |w| w[k]);
     let coordinate = |c: usize| {
-        extract(values, &CONSTANT, [span, 0], 2.0 * U, |a, _| {
+        extract(values, &CONSTANT, [span, 0], [2.0 * U, 0.0], |a, _| {
             let k = first + a;
             if c == 2 { weight(k) } else { weight(k) * ((curve.points[k][c] - origin[c]) / unit) }
         })
@@ -334,29 +368,31 @@ fn bezier_of(curve: &SplineCurve, origin: [f64; 2], unit: f64, values: &Extracti
     let (x, y, w) = (coordinate(0), coordinate(1), curve.weights.as_ref().map(|_| coordinate(2)));
     let points =
         (0..=values.degree).map(|i| [x.coefs[i], y.coefs[i], w.as_ref().map_or(1.0, |w| w.coefs[i])]);
-    Bezier { points: points.collect(), err: [x.err.max(y.err), w.as_ref().map_or(0.0, |w| w.err)] }
+    Bezier { points: points.collect(), err: [larger(x.err, y.err), w.as_ref().map_or(0.0, |w| w.err)] }
 }
 
-/// Derivative of a polynomial arc by its extraction `slopes`; `uncertain` bounds the relative error of a difference.
-fn polynomial_slope(
-    curve: &SplineCurve,
-    unit: f64,
-    slopes: &Extraction,
-    uncertain: f64,
-    span: usize,
-) -> Slope {
+/// Derivative of a polynomial arc by its extraction `slopes`.
+fn polynomial_slope(curve: &SplineCurve, unit: f64, slopes: &Extraction, span: usize) -> Slope {
     let (p, knots, points) = (curve.degree, &curve.knots, &curve.points);
     let first = slopes.first[span];
+    // Only the direction matters: in units of the last knot span the numbers stay near one.
+    let ratio = |a: usize| {
+        let k = first + a;
+        let h = (knots[k + p + 1] - knots[k + 1]) / (knots[first + p + 1] - knots[first + p]);
+        // A subnormal ratio has lost digits: nothing is known then.
+        if h >= f64::MIN_POSITIVE { h } else { f64::NAN }
+    };
+    // What coordinates lose to underflow when they are scaled.
+    let absolute = (0..p).map(ratio).fold(0.0, |m, h| larger(m, f64::MIN_POSITIVE / h));
     let [x, y]: [BoundedBernstein; 2] = std::array::from_fn(|c| {
-        extract(slopes, &CONSTANT, [span, 0], uncertain, |a, _| {
+        // Two differences of knots and one of points, two quotients.
+        extract(slopes, &CONSTANT, [span, 0], [6.0 * U, absolute], |a, _| {
             let k = first + a;
-            // Only the direction matters: in units of the last knot span the numbers stay near one.
-            let h = (knots[k + p + 1] - knots[k + 1]) / (knots[first + p + 1] - knots[first + p]);
-            (points[k + 1][c] - points[k][c]) / unit / h
+            (points[k + 1][c] - points[k][c]) / unit / ratio(a)
         })
     });
     let zero = zeros(slopes, span, |a| points[first + a] == points[first + a + 1]);
-    let err = x.err.max(y.err);
+    let err = larger(x.err, y.err);
     Slope { vectors: x.coefs.into_iter().zip(y.coefs).map(|(x, y)| [x, y]).collect(), zero, err }
 }
 
@@ -372,7 +408,7 @@ fn rational_slope(curve: &SplineCurve, unit: f64, values: &Extraction, span: usi
     let weights = curve.weights.as_ref().expect("a rational curve");
     let origin = points[first + p / 2];
     let h: [BoundedBernstein; 3] = std::array::from_fn(|c| {
-        extract(values, &CONSTANT, [span, 0], 2.0 * U, |a, _| {
+        extract(values, &CONSTANT, [span, 0], [2.0 * U, 0.0], |a, _| {
             let k = first + a;
             if c == 2 { weights[k] } else { weights[k] * ((points[k][c] - origin[c]) / unit) }
         })
@@ -380,7 +416,7 @@ fn rational_slope(curve: &SplineCurve, unit: f64, values: &Extraction, span: usi
     let slopes = [0, 1, 2].map(|c| h[c].derivative(0, 1.0, 0.0));
     let [x, y] = [0, 1]
         .map(|c| BoundedBernstein::sum_of_products(&[(1.0, &slopes[c], &h[2]), (-1.0, &h[c], &slopes[2])]));
-    let err = x.err.max(y.err);
+    let err = larger(x.err, y.err);
     let vectors: Vec<[f64; 2]> = x.coefs.into_iter().zip(y.coefs).map(|(x, y)| [x, y]).collect();
     let mut zero = vec![(0..=p).all(|a| points[first + a] == points[first]); vectors.len()];
     // At the clamped ends of the curve the end vectors are multiples of the control polygon's.
@@ -395,68 +431,78 @@ fn rational_slope(curve: &SplineCurve, unit: f64, values: &Extraction, span: usi
 ///
 /// The area between an arc and its chord is at most the largest distance from the chord times the length of the
 /// control polygon; the polygon of chords decides once it outweighs all of that. `flats` are the arcs' hulls.
-pub(crate) fn orientation(arcs: &[Arc], flats: &[Flat]) -> i8 {
+pub(crate) fn orientation(arcs: &[Arc], flats: &[Flat], budget: &Budget) -> i8 {
     let mut parts: Vec<Bezier> = Vec::new();
     let mut flats = Cow::Borrowed(flats);
     for round in 0..8 {
         if round > 0 {
+            if !budget.allows_parts(2 * flats.len()) {
+                return 0;
+            }
             let whole = arcs.iter().map(|a| &a.bezier).filter(|_| round == 1);
             parts = whole.chain(&parts).flat_map(Bezier::halve).collect();
             flats = parts.iter().map(Bezier::flat).collect();
         }
-        let (mut area, mut uncertain) = (0.0, 0.0);
+        let (mut area, mut uncertain, mut total) = (0.0, 0.0, 0.0);
         for flat in flats.iter() {
             let (a, b) = (flat.start(), flat.end());
             area += 0.5 * cross(a, b);
+            total += cross(a, b).abs();
             let chord = minus(b, a);
             let length = chord[0].hypot(chord[1]);
             let off = |&p: &[f64; 2]| {
                 let d = minus(p, a);
-                if length > 0.0 { cross(chord, d).abs() / length } else { d[0].hypot(d[1]) }
+                if length > SHORT { cross(chord, d).abs() / length } else { d[0].hypot(d[1]) }
             };
             let polygon: f64 =
                 flat.points.windows(2).map(|w| minus(w[1], w[0])).map(|d| d[0].hypot(d[1])).sum();
-            let distance = flat.points.iter().map(off).fold(0.0, f64::max);
+            let distance = flat.points.iter().map(off).fold(0.0, larger);
             uncertain +=
                 distance * polygon + 4.0 * (flat.err + 8.0 * U * flat.reach) * (polygon + flat.reach);
         }
-        if area.abs() > SLACK * uncertain + flats.len() as f64 * 4.0 * U {
+        // Adding n numbers rounds n times, relative to the sum of their sizes.
+        if area.abs() > SLACK * (uncertain + flats.len() as f64 * 4.0 * U * total) + TINY {
             return if area > 0.0 { 1 } else { -1 };
         }
     }
     0
 }
 
-/// Winding number of a loop about `y`, `None` if `y` is too close to the loop.
+/// Winding number of a loop about the first point of `around`, `None` if that is too close to the loop.
 ///
-/// Arcs whose hull stays away from `y` may be replaced by their chords; others are halved. The angles under which
-/// the chords are seen add up to a multiple of 2π. `flats` are the arcs' hulls.
-pub(crate) fn winding(arcs: &[Arc], flats: &[Flat], y: [f64; 2]) -> Option<i32> {
+/// Arcs whose hull stays away from the point may be replaced by their chords; others are halved. The angles under
+/// which the chords are seen add up to a multiple of 2π. `flats` are the arcs' hulls.
+pub(crate) fn winding(arcs: &[Arc], flats: &[Flat], around: &Flat, budget: &Budget) -> Option<i32> {
+    let y = around.start();
     let mut point = Flat { points: vec![y], err: 0.0, reach: 1.0 };
-    let mut angle_under = |flat: &Flat| {
-        // The angles of neighbouring chords share their rounding if y is much farther than the error.
-        point.err = 1e3 * (flat.err + U);
+    let mut uncertain = 0.0;
+    let mut angle_under = |flat: &Flat, point: &mut Flat| {
+        point.err = around.err + 1e3 * (flat.err + U);
         let (a, b) = (minus(flat.start(), y), minus(flat.end(), y));
-        point.separated(flat).then(|| cross(a, b).atan2(a[0] * b[0] + a[1] * b[1]))
+        point.separated(flat, budget).then(|| {
+            // Neighbouring chords share their joint but for the rounding of a quotient by weights.
+            uncertain += 16.0 * U * (1.0 + flat.reach / a[0].hypot(a[1]).min(b[0].hypot(b[1])));
+            cross(a, b).atan2(a[0] * b[0] + a[1] * b[1])
+        })
     };
     let mut total = 0.0;
     for (arc, flat) in arcs.iter().zip(flats) {
-        if let Some(angle) = angle_under(flat) {
+        if let Some(angle) = angle_under(flat, &mut point) {
             total += angle;
             continue;
         }
-        let mut stack = vec![(arc.bezier.clone(), 0)];
-        while let Some((part, depth)) = stack.pop() {
-            if depth == 60 {
-                return None;
-            }
+        let mut stack = vec![arc.bezier.clone()];
+        while let Some(part) = stack.pop() {
             for half in part.halve() {
-                match angle_under(&half.flat()) {
+                let flat = half.flat();
+                match angle_under(&flat, &mut point) {
                     Some(angle) => total += angle,
-                    None => stack.push((half, depth + 1)),
+                    // Smaller parts would not come off the point either.
+                    None if !(extent(&flat.points) > point.err) || budget.is_spent() => return None,
+                    None => stack.push(half),
                 }
             }
         }
     }
-    Some((total / std::f64::consts::TAU).round() as i32)
+    (uncertain < 1.0).then(|| (total / std::f64::consts::TAU).round() as i32)
 }

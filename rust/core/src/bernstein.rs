@@ -2,8 +2,16 @@
 //!
 //! Every operation adds an a-priori bound (unit roundoff [`U`], constants stated where they are used), so that
 //! `|computed coefficient - true coefficient| <= err` always holds. Bounds are a few times larger than needed;
-//! [`SLACK`] covers products of errors and the rounding of the bounds themselves. Underflow is covered by
-//! [`TINY`], given data scaled to magnitude one.
+//! [`SLACK`] covers products of errors and the rounding of the bounds themselves.
+//!
+//! A sum or difference of floating-point numbers has a relative error of at most `U` even where it is subnormal; a
+//! product or quotient may lose another 2⁻¹⁰⁷⁵ to underflow. Data are scaled once to magnitude one (a power of two,
+//! see [`power_of_two_above`]), so that what follows a loss multiplies it by little; [`TINY`], 10³² times larger, covers
+//! all losses of an operation, times one plus what the operation multiplies by. Overflow makes the bound infinite or
+//! NaN, and no comparison `> err` holds against either: it counts against the proof. Knots are taken as they are
+//! stored, however close: their differences are as exact as any. The page `docs/stages/rounding.md` lists every bound.
+
+use std::cmp::Ordering;
 
 use crate::spline::spans;
 
@@ -11,11 +19,8 @@ use crate::spline::spans;
 pub const U: f64 = f64::EPSILON / 2.0;
 /// Factor on first-order bounds that covers all higher-order terms.
 pub const SLACK: f64 = 1.01;
-/// Absolute error that covers underflow.
+/// Absolute error that covers underflow, of numbers up to about one.
 pub const TINY: f64 = 1e-290;
-/// Knots are only known to within this many units of roundoff of the largest one: two patches may write the same
-/// spline with knots reversed, and a proof must hold for either.
-pub const KNOT_ULPS: f64 = 4.0;
 /// Largest degree of a product: up to here all binomial coefficients are exact in `f64`.
 pub const MAX_DEGREE: usize = 56;
 
@@ -36,6 +41,29 @@ const fn pascal() -> [[f64; MAX_DEGREE + 1]; MAX_DEGREE + 1] {
     c
 }
 
+/// Coefficients from here on might overflow in what follows: nothing is known of them.
+const HUGE: f64 = 1e300;
+
+/// A power of two not below `x` and at most twice as large: division by it is exact unless the result is subnormal.
+///
+/// Limited to 2^±1000, so that neither it nor its reciprocal overflows; 1 for zero, infinity and NaN.
+pub fn power_of_two_above(x: f64) -> f64 {
+    if !(x > 0.0 && x.is_finite()) {
+        return 1.0;
+    }
+    let limit = 2f64.powi(1000);
+    if x >= limit {
+        return limit;
+    }
+    let power = f64::from_bits(x.max(limit.recip()).to_bits() & (0x7ff << 52));
+    if power < x { 2.0 * power } else { power }
+}
+
+/// The larger number, NaN if any is.
+pub fn larger(a: f64, b: f64) -> f64 {
+    if b > a || b.is_nan() { b } else { a }
+}
+
 /// A bivariate polynomial on the unit square, `coefs[i * (degrees[1] + 1) + j]` with `i` along the first variable.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoundedBernstein {
@@ -48,21 +76,30 @@ pub struct BoundedBernstein {
 }
 
 impl BoundedBernstein {
-    /// Largest absolute coefficient.
+    fn new(degrees: [usize; 2], coefs: Vec<f64>, err: f64) -> Self {
+        let mut new = Self { degrees, coefs, err };
+        if !matches!(new.magnitude().partial_cmp(&HUGE), Some(Ordering::Less)) {
+            new.err = f64::INFINITY;
+        }
+        new
+    }
+
+    /// Largest absolute coefficient, NaN if any is.
     pub fn magnitude(&self) -> f64 {
-        self.coefs.iter().fold(0.0, |m, c| f64::max(m, c.abs()))
+        self.coefs.iter().fold(0.0, |m, c| larger(m, c.abs()))
     }
 
     /// `Σ sign · a · b` over terms whose products all have the same degrees.
     ///
     /// A product's coefficient is a convex combination of products `a_i b_j`. Rounding: one operation for each
-    /// of the two binomial weights and the product, one an addition, two for the division.
+    /// of the two binomial weights and the product, one an addition, two for the division. Underflow: binomials below
+    /// 10²¹ multiply what a factor has lost, in at most 1444 terms.
     pub fn sum_of_products(terms: &[(f64, &Self, &Self)]) -> Self {
         let degrees: [usize; 2] = std::array::from_fn(|d| terms[0].1.degrees[d] + terms[0].2.degrees[d]);
         let [m, n] = degrees;
         let (wu, wv) = (&BINOMIALS[m], &BINOMIALS[n]);
         let mut coefs = vec![0.0; (m + 1) * (n + 1)];
-        let (mut carried, mut scale, mut count) = (0.0, 0.0, 0);
+        let (mut carried, mut scale, mut lost, mut count) = (0.0, 0.0, 1.0, 0);
         let mut weighted = Vec::new();
         for &(sign, a, b) in terms {
             debug_assert!((0..2).all(|d| a.degrees[d] + b.degrees[d] == degrees[d]));
@@ -83,6 +120,7 @@ impl BoundedBernstein {
             let (ma, mb) = (a.magnitude(), b.magnitude());
             carried += a.err * mb + b.err * ma + a.err * b.err;
             scale += ma * mb;
+            lost += ma + mb;
             count += (0..2).map(|d| a.degrees[d].min(b.degrees[d]) + 1).product::<usize>();
         }
         for i in 0..=m {
@@ -90,7 +128,7 @@ impl BoundedBernstein {
                 coefs[i * (n + 1) + j] /= wu[i] * wv[j];
             }
         }
-        Self { degrees, coefs, err: SLACK * (carried + (count + 8) as f64 * U * scale) + TINY }
+        Self::new(degrees, coefs, SLACK * (carried + (count + 8) as f64 * U * scale) + TINY * lost)
     }
 
     fn weighted_into(&self, out: &mut Vec<f64>) {
@@ -116,9 +154,8 @@ impl BoundedBernstein {
                 coefs.push(factor * (self.coefs[at + step] - self.coefs[at]));
             }
         }
-        let mut out = Self { degrees, coefs, err: 0.0 };
-        out.err = SLACK * (2.0 * factor * self.err + (3.0 * U + relative) * out.magnitude()) + TINY;
-        out
+        let magnitude = coefs.iter().fold(0.0, |m, c| larger(m, c.abs()));
+        Self::new(degrees, coefs, SLACK * (2.0 * factor * self.err + (3.0 * U + relative) * magnitude) + TINY)
     }
 
     /// The two halves along `axis` (de Casteljau), each on the unit square again.
@@ -164,7 +201,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 ///
 /// On span `s`, Bézier coefficient `b` is `Σ_a matrix(s)[b][a] c[first[s] + a]`; all entries are non-negative
 /// and rows sum to one. Entries are sums of products of quotients of knot differences, without cancellation, so
-/// that each has a relative error of at most `relative` (which includes the rounding of a row's dot product).
+/// that each has a relative error of at most `relative` (which includes the rounding of a row's dot product), however
+/// close knots are.
 #[derive(Clone, Debug)]
 pub struct Extraction {
     /// Degree.
@@ -207,8 +245,11 @@ impl Extraction {
             }
         }
         let steps = d as f64;
-        // A step: 3 roundings in the quotient, one product, one sum; two uncertain knot differences.
-        let relative = SLACK * (steps * (6.0 * U + 2.0 * knot_uncertainty(knots)) + (steps + 2.0) * U);
+        // A step: 3 roundings in the quotient, one product, one sum.
+        let mut relative = SLACK * (steps * 6.0 * U + (steps + 2.0) * U);
+        if !(knots[knots.len() - 1] - knots[0]).is_finite() {
+            relative = f64::INFINITY;
+        }
         Self {
             degree,
             first: indices.iter().map(|k| k - d).collect(),
@@ -225,21 +266,14 @@ impl Extraction {
     }
 }
 
-/// Bound on the relative error of any non-zero knot difference, given that knots are known to [`KNOT_ULPS`].
-pub fn knot_uncertainty(knots: &[f64]) -> f64 {
-    let largest = knots[0].abs().max(knots[knots.len() - 1].abs());
-    let shortest = knots.windows(2).map(|w| w[1] - w[0]).filter(|h| *h > 0.0).fold(f64::INFINITY, f64::min);
-    2.0 * KNOT_ULPS * U * largest / shortest
-}
-
 /// Apply two extractions to the coefficients `local(a, b)` of a tensor-product spline on the span pair `at`.
 ///
-/// `relative` bounds the relative error of the local coefficients themselves.
+/// `relative` bounds the relative error of the local coefficients themselves, `absolute` what else they are off by.
 pub fn extract(
     eu: &Extraction,
     ev: &Extraction,
     at: [usize; 2],
-    relative: f64,
+    [relative, absolute]: [f64; 2],
     local: impl Fn(usize, usize) -> f64,
 ) -> BoundedBernstein {
     let (m, n) = (eu.degree + 1, ev.degree + 1);
@@ -250,7 +284,7 @@ pub fn extract(
     for a in 0..m {
         for (b, r) in row.iter_mut().enumerate() {
             *r = local(a, b);
-            largest = largest.max(r.abs());
+            largest = larger(largest, r.abs());
         }
         for j in 0..n {
             half[a * n + j] = dot(&mv[j * n..][..n], &row);
@@ -265,6 +299,6 @@ pub fn extract(
             }
         }
     }
-    let err = SLACK * (relative + eu.relative + ev.relative) * largest + TINY;
-    BoundedBernstein { degrees: [m - 1, n - 1], coefs, err }
+    let err = SLACK * ((relative + eu.relative + ev.relative) * largest + absolute) + TINY * (1.0 + largest);
+    BoundedBernstein::new([m - 1, n - 1], coefs, err)
 }

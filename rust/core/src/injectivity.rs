@@ -4,17 +4,29 @@
 //! positive. Coefficients at the piece's corners are values of det J; one below minus the bound is a disproof.
 //! Otherwise the piece is halved in both directions. A rational piece uses the numerator
 //! `det[[X, Y, W], [X_u, Y_u, W_u], [X_v, Y_v, W_v]] = W³ det J`.
+//!
+//! At a patch corner det J is a positive multiple of the area of a triangle of three control points, whose sign is
+//! found exactly: where one patch fills a straight angle it may vanish there, but must not be negative.
+//!
+//! Coordinates, weights and knots are scaled once by powers of two, so that nothing that matters is subnormal.
 
 use std::sync::Arc;
 
 use rayon::prelude::*;
+use robust::{Coord, orient2d};
 
-use crate::bernstein::{BoundedBernstein, Extraction, U, extract, knot_uncertainty};
+use crate::bernstein::{BoundedBernstein, Extraction, U, extract, larger, power_of_two_above};
 use crate::spline::SplinePatch;
 
 /// Coordinates are taken to be known within this many units of roundoff of the largest one when a patch corner
 /// is called degenerate: an exactly straight corner does not survive being written down.
 const DATA_ULPS: f64 = 16.0;
+/// Coordinates above this have products that the exact sign of a triangle's area may take apart without underflow.
+const EXACT_ABOVE: f64 = 1e-100;
+/// Coefficients of a cell of degree about five; cells with more are as many fewer.
+const COEFFICIENTS: usize = 100;
+/// Bytes that the cells of one patch may take: some ten thousand of moderate degree.
+const MAX_BYTES: usize = 32 << 20;
 /// Cells of one kind reported for a patch, the worst ones.
 const REPORTED: usize = 32;
 
@@ -23,7 +35,7 @@ const REPORTED: usize = 32;
 pub struct Limits {
     /// Halvings of a Bézier piece in each direction.
     pub max_depth: usize,
-    /// Sub-cells examined in one patch.
+    /// Sub-cells of moderate degree examined in one patch; fewer of high degree.
     pub max_cells: usize,
 }
 
@@ -33,11 +45,30 @@ impl Default for Limits {
     }
 }
 
+impl Limits {
+    /// Sub-cells examined in all patches together, some seconds' work; every patch has its share, and this at least.
+    const ALL_CELLS: usize = 2_000_000;
+    const LEAST_CELLS: usize = 2_000;
+
+    /// One patch's share among `patches`.
+    fn shared_by(self, patches: usize) -> Self {
+        let share = (Self::ALL_CELLS / patches.max(1)).max(Self::LEAST_CELLS);
+        Self { max_cells: self.max_cells.min(share), ..self }
+    }
+
+    /// Sub-cells with so many coefficients that may be examined.
+    fn cells(&self, coefficients: usize) -> usize {
+        self.max_cells * COEFFICIENTS / coefficients.max(COEFFICIENTS)
+    }
+}
+
 /// What is wrong with a cell; the order is that of precedence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum CellKind {
-    /// det J vanishes within rounding at one patch corner and is positive elsewhere.
+    /// det J >= 0, zero within the rounding of the coordinates at one patch corner and positive elsewhere.
     Degenerate,
+    /// det J < 0 at a patch corner (or of unknown sign), by no more than the rounding of the coordinates.
+    BelowRounding,
     /// Neither proved nor disproved.
     Undecided,
     /// det J < 0 at a point.
@@ -86,14 +117,17 @@ struct Work {
     bounds: [f64; 4],
     /// Bit `2 i + j`: the corner (u end i, v end j) is a corner of the patch.
     patch_corners: u8,
-    /// |det J| up to this is zero at a patch corner.
+    /// |det J| up to this is zero at a patch corner within the rounding of the coordinates.
     corner_tolerance: f64,
+    /// The coefficients at patch corners again, with the right sign; None elsewhere and where it is not known.
+    corner_values: [Option<f64>; 4],
     weight: Option<Arc<Weight>>,
 }
 
 enum Verdict {
     Proved,
     Degenerate(usize),
+    BelowRounding(usize),
     Open,
     Folded(usize),
 }
@@ -111,7 +145,7 @@ impl Work {
     fn judge(&self) -> Verdict {
         let err = self.det.err;
         let corners: [usize; 4] = std::array::from_fn(|c| self.corner_coefficient(c));
-        let mut degenerate = None;
+        let (mut degenerate, mut below) = (None, false);
         let mut folded: Option<(usize, f64)> = None;
         let mut open = false;
         for (c, &at) in corners.iter().enumerate() {
@@ -119,6 +153,7 @@ impl Work {
             if self.patch_corners >> c & 1 == 1 && value.abs() <= self.corner_tolerance.max(err) {
                 // Two degenerate corners in one cell: subdivision separates them.
                 open |= degenerate.replace(c).is_some();
+                below |= !self.corner_values[c].is_some_and(|exact| exact >= 0.0);
             } else if value < -err {
                 if folded.is_none_or(|(_, worst)| value < worst) {
                     folded = Some((c, value));
@@ -129,6 +164,9 @@ impl Work {
         }
         if let Some((c, _)) = folded {
             return Verdict::Folded(c);
+        }
+        if let (Some(c), true, false) = (degenerate, below, open) {
+            return Verdict::BelowRounding(c);
         }
         let proved = |(i, v): (usize, &f64)| *v > err || corners.contains(&i);
         if open || !self.det.coefs.iter().enumerate().all(proved) {
@@ -147,6 +185,7 @@ impl Work {
             bounds: [[u0, u][corner >> 1], [u, u1][corner >> 1], [v0, v][corner & 1], [v, v1][corner & 1]],
             patch_corners: self.patch_corners & (1 << corner),
             corner_tolerance: self.corner_tolerance,
+            corner_values: self.corner_values,
             weight: self.weight.clone(),
         };
         [child(a, 0), child(b, 1), child(c, 2), child(d, 3)]
@@ -161,14 +200,18 @@ impl Work {
         }
     }
 
-    /// det J = coefficient / W³ at a corner.
+    /// det J at a corner.
     fn corner_value(&self, corner: usize) -> f64 {
-        let value = self.det.coefs[self.corner_coefficient(corner)];
+        self.over_weight(corner, self.det.coefs[self.corner_coefficient(corner)])
+    }
+
+    /// det J = coefficient / W³ at a corner.
+    fn over_weight(&self, corner: usize, coefficient: f64) -> f64 {
         match &self.weight {
-            None => value,
+            None => coefficient,
             Some(w) => {
                 let (p, [u0, u1, v0, v1]) = (self.corner_point(corner), w.bounds);
-                value / w.polynomial.value((p[0] - u0) / (u1 - u0), (p[1] - v0) / (v1 - v0)).powi(3)
+                coefficient / w.polynomial.value((p[0] - u0) / (u1 - u0), (p[1] - v0) / (v1 - v0)).powi(3)
             }
         }
     }
@@ -190,9 +233,20 @@ impl Work {
         mean * (u1 - u0) * (v1 - v0)
     }
 
-    fn report(&self, kind: CellKind, corner: usize, scale: f64) -> Cell {
-        let value = self.corner_value(corner) / scale;
-        Cell { kind, bounds: self.bounds, point: self.corner_point(corner), value }
+    /// Bound on the error of a polynomial cell's integral; that of a rational one is a quadrature.
+    fn uncertainty(&self) -> f64 {
+        let [u0, u1, v0, v1] = self.bounds;
+        let count = self.det.coefs.len() as f64;
+        (self.det.err + count * U * self.det.magnitude()) * (u1 - u0) * (v1 - v0)
+    }
+
+    /// The cell in the patch's own parameters, whose units are `units`.
+    fn report(&self, kind: CellKind, corner: usize, scale: f64, units: [f64; 2]) -> Cell {
+        let exact = self.corner_values[corner].filter(|_| kind == CellKind::BelowRounding);
+        let value = exact.map_or_else(|| self.corner_value(corner), |x| self.over_weight(corner, x)) / scale;
+        let [u, v] = self.corner_point(corner);
+        let bounds = std::array::from_fn(|k| self.bounds[k] * units[k / 2]);
+        Cell { kind, bounds, point: [u * units[0], v * units[1]], value }
     }
 }
 
@@ -207,41 +261,59 @@ const GAUSS: [(f64, f64); 4] = [
 /// det J of a patch on its Bézier pieces, prepared once.
 struct Jacobian<'a> {
     patch: &'a SplinePatch,
-    /// Control points scaled by a power of two to magnitude one.
+    /// Control points in units of `unit`, a power of two, where their magnitude is one.
     points: Vec<[f64; 2]>,
+    unit: f64,
     /// Weights scaled likewise; empty for a polynomial patch.
     weights: Vec<f64>,
+    /// Knots in `units`, powers of two.
+    knots: [Vec<f64>; 2],
+    units: [f64; 2],
     values: [Extraction; 2],
     slopes: [Extraction; 2],
-    relative: [f64; 2],
     /// Largest coordinate.
     size: f64,
+    /// What a difference quotient of control points loses at most when coordinates underflow.
+    lost: [f64; 2],
 }
 
-fn power_of_two_above(x: f64) -> f64 {
-    if x > 0.0 { x.log2().ceil().clamp(-1000.0, 1000.0).exp2() } else { 1.0 }
+/// Knots in units of a power of two in which they range over about one, if they are exact there, and the unit.
+fn scaled(knots: &[f64]) -> (Vec<f64>, f64) {
+    let unit = power_of_two_above(knots[knots.len() - 1] - knots[0]);
+    let scaled: Vec<f64> = knots.iter().map(|t| t / unit).collect();
+    if scaled.iter().zip(knots).all(|(s, t)| s * unit == *t) { (scaled, unit) } else { (knots.to_vec(), 1.0) }
 }
 
 impl<'a> Jacobian<'a> {
     fn new(patch: &'a SplinePatch) -> Self {
-        let largest = patch.points.iter().flatten().fold(0.0, |m, x| f64::max(m, x.abs()));
+        let largest = patch.points.iter().flatten().fold(0.0, |m, x| larger(m, x.abs()));
         let unit = power_of_two_above(largest);
         let points = patch.points.iter().map(|p| [p[0] / unit, p[1] / unit]).collect();
         let weights = patch.weights.as_ref().map_or(Vec::new(), |w| {
-            let unit = power_of_two_above(w.iter().copied().fold(0.0, f64::max));
+            let unit = power_of_two_above(w.iter().copied().fold(0.0, larger));
             w.iter().map(|x| x / unit).collect()
         });
-        let knots = &patch.knots;
+        let [(u, unit_u), (v, unit_v)] = [0, 1].map(|d| scaled(&patch.knots[d]));
+        let knots = [u, v];
+        let degrees = patch.degrees;
         Self {
             patch,
             points,
+            unit,
             weights,
-            values: std::array::from_fn(|d| Extraction::new(&knots[d], patch.degrees[d])),
+            units: [unit_u, unit_v],
+            values: std::array::from_fn(|d| Extraction::new(&knots[d], degrees[d])),
             slopes: std::array::from_fn(|d| {
-                Extraction::new(&knots[d][1..knots[d].len() - 1], patch.degrees[d] - 1)
+                Extraction::new(&knots[d][1..knots[d].len() - 1], degrees[d] - 1)
             }),
-            relative: std::array::from_fn(|d| 4.0 * U + knot_uncertainty(&knots[d])),
             size: largest / unit,
+            lost: std::array::from_fn(|d| {
+                let p = degrees[d];
+                let supports = knots[d].windows(p + 1).skip(1).map(|w| w[p] - w[0]);
+                let shortest = supports.filter(|h| *h > 0.0).fold(f64::INFINITY, f64::min);
+                (p + 1) as f64 * f64::MIN_POSITIVE / shortest
+            }),
+            knots,
         }
     }
 
@@ -267,7 +339,34 @@ impl<'a> Jacobian<'a> {
             self.rational(at, sign)
         };
         let corner_tolerance = det.err + zero;
-        Work { det, bounds, patch_corners, corner_tolerance, weight }
+        let corner_values = std::array::from_fn(|corner| match patch_corners >> corner & 1 {
+            1 => self.corner_value(corner, sign),
+            _ => None,
+        });
+        Work { det, bounds, patch_corners, corner_tolerance, corner_values, weight }
+    }
+
+    /// det J (times W³) at a patch corner, of the right sign: a positive multiple of the area of the triangle of the
+    /// corner's control point and its two neighbours. None where underflow may have taken the sign.
+    fn corner_value(&self, corner: usize, sign: f64) -> Option<f64> {
+        let [m, n] = self.patch.shape;
+        let (i, beside_i) = if corner >> 1 == 0 { (0, 1) } else { (m - 1, m - 2) };
+        let (j, beside_j) = if corner & 1 == 0 { (0, 1) } else { (n - 1, n - 2) };
+        let triangle = [(beside_i, j), (i, beside_j), (i, j)].map(|(i, j)| i * n + j);
+        if triangle.iter().any(|&k| self.points[k].map(|x| x * self.unit) != self.patch.points[k]) {
+            return None; // Scaling lost digits.
+        }
+        let area = turn(triangle.map(|k| self.points[k]))?;
+        // Along u and v inwards, which turns the sense at two of the corners.
+        let inwards = if (corner >> 1) == (corner & 1) { sign } else { -sign };
+        let speeds = [(0, corner >> 1), (1, corner & 1)].map(|(d, end)| {
+            let (p, t) = (self.patch.degrees[d], &self.knots[d]);
+            let h = if end == 0 { t[p + 1] - t[1] } else { t[t.len() - 2] - t[t.len() - 2 - p] };
+            p as f64 / h
+        });
+        let weights = triangle.iter().filter_map(|&k| self.weights.get(k)).product::<f64>();
+        let value = area * inwards * speeds[0] * speeds[1] * weights;
+        (value != 0.0 || area == 0.0).then_some(value)
     }
 
     /// det J and how much it changes at a patch corner when the coordinates are rounded.
@@ -281,8 +380,9 @@ impl<'a> Jacobian<'a> {
             };
             let (i0, j0) = (eu.first[at[0]], ev.first[at[1]]);
             let p = self.patch.degrees[axis];
-            let (knots, step) = (&self.patch.knots[axis], if axis == 0 { width } else { 1 });
-            extract(eu, ev, at, self.relative[axis], |a, b| {
+            let (knots, step) = (&self.knots[axis], if axis == 0 { width } else { 1 });
+            // A difference of points and one of knots, a product and a quotient.
+            extract(eu, ev, at, [4.0 * U, self.lost[axis]], |a, b| {
                 let (i, j) = (i0 + a, j0 + b);
                 let k = if axis == 0 { i } else { j };
                 let here = i * width + j;
@@ -313,16 +413,14 @@ impl<'a> Jacobian<'a> {
         // piece itself little is lost to cancellation.
         let origin = self.points[(i0 + eu.degree / 2) * width + j0 + ev.degree / 2];
         let h: [BoundedBernstein; 3] = std::array::from_fn(|c| {
-            extract(eu, ev, at, 2.0 * U, |a, b| {
+            extract(eu, ev, at, [2.0 * U, 0.0], |a, b| {
                 let k = (i0 + a) * width + j0 + b;
                 if c == 2 { self.weights[k] } else { self.weights[k] * (self.points[k][c] - origin[c]) }
             })
         });
         let ends = [eu.ends[at[0]], ev.ends[at[1]]];
-        let slopes: [[BoundedBernstein; 3]; 2] = std::array::from_fn(|d| {
-            let relative = U + knot_uncertainty(&self.patch.knots[d]);
-            std::array::from_fn(|c| h[c].derivative(d, ends[d][1] - ends[d][0], relative))
-        });
+        let slopes: [[BoundedBernstein; 3]; 2] =
+            std::array::from_fn(|d| std::array::from_fn(|c| h[c].derivative(d, ends[d][1] - ends[d][0], U)));
         let minor = |a: usize, b: usize| {
             let [u, v] = &slopes;
             BoundedBernstein::sum_of_products(&[(sign, &u[a], &v[b]), (-sign, &u[b], &v[a])])
@@ -347,10 +445,23 @@ impl<'a> Jacobian<'a> {
     }
 }
 
+/// Twice the signed area of the triangle (a, b, c), of the right sign; None where underflow may take it.
+fn turn([a, b, c]: [[f64; 2]; 3]) -> Option<f64> {
+    let same = |d: usize| a[d] == b[d] && b[d] == c[d];
+    if same(0) || same(1) {
+        return Some(0.0);
+    }
+    let exact = [a, b, c].iter().flatten().all(|x| *x == 0.0 || x.abs() > EXACT_ABOVE);
+    let coord = |p: [f64; 2]| Coord { x: p[0], y: p[1] };
+    exact.then(|| orient2d(coord(a), coord(b), coord(c)))
+}
+
 /// What a row of Bézier pieces left over.
 #[derive(Default)]
 struct Row {
     integral: f64,
+    /// Bound on the error of the integral.
+    uncertain: f64,
     low: f64,
     largest: f64,
     open: Vec<Work>,
@@ -362,7 +473,8 @@ fn examine(jacobian: &Jacobian<'_>, sign: f64) -> Vec<Row> {
         for j in 0..jacobian.spans(1) {
             let work = jacobian.piece([i, j], sign);
             row.integral += work.integral();
-            row.largest = row.largest.max(work.det.magnitude() + work.det.err);
+            row.largest = larger(row.largest, work.det.magnitude() + work.det.err);
+            row.uncertain += work.uncertainty();
             if matches!(work.judge(), Verdict::Proved) {
                 row.low = row.low.min(work.lower_bound());
             } else {
@@ -381,16 +493,20 @@ pub fn certify_patch(patch: &SplinePatch, sign: f64, limits: &Limits) -> PatchPr
     let jacobian = Jacobian::new(patch);
     let mut rows = examine(&jacobian, sign);
     let mut total: f64 = rows.iter().map(|r| r.integral).sum();
-    let sign_agrees = total >= 0.0;
+    let sign_agrees = !(total < 0.0);
     if !sign_agrees {
         rows = examine(&jacobian, -sign);
         total = rows.iter().map(|r| r.integral).sum();
     }
-    let domain: f64 = patch.knots.iter().map(|k| k[k.len() - 1] - k[0]).product();
-    let largest = rows.iter().map(|r| r.largest).fold(0.0, f64::max);
+    let domain: f64 = jacobian.knots.iter().map(|k| k[k.len() - 1] - k[0]).product();
+    let largest = rows.iter().map(|r| r.largest).fold(0.0, larger);
     let mean = total / domain;
     // A patch without area has no mean; its values are then relative to the largest coefficient.
     let scale = if mean > 1e-14 * largest { mean } else { largest.max(f64::MIN_POSITIVE) };
+    // A positive bound holds relative to the largest mean that rounding allows.
+    let off: f64 = rows.iter().map(|r| r.uncertain).sum::<f64>() / domain + 64.0 * U * scale;
+    let relative = |low: f64| if low > 0.0 { low / (scale + off) * (1.0 - 4.0 * U) } else { low / scale };
+    let report = |work: &Work, kind, corner| work.report(kind, corner, scale, jacobian.units);
     let mut low = rows.iter().map(|r| r.low).fold(f64::INFINITY, f64::min);
     let mut queue: Vec<Work> = rows.into_iter().flat_map(|r| r.open).collect();
     let mut cells = Vec::new();
@@ -398,38 +514,47 @@ pub fn certify_patch(patch: &SplinePatch, sign: f64, limits: &Limits) -> PatchPr
     for depth in 0.. {
         let mut next = Vec::new();
         for work in queue {
-            let verdict = work.judge();
-            let bound = work.lower_bound();
-            match verdict {
-                Verdict::Proved => {}
-                Verdict::Degenerate(c) => cells.push(work.report(CellKind::Degenerate, c, scale)),
-                Verdict::Folded(c) => cells.push(work.report(CellKind::Folded, c, scale)),
-                Verdict::Open if depth < limits.max_depth && subdivisions < limits.max_cells => {
+            let size = work.det.coefs.len();
+            let fits = subdivisions < limits.cells(size) && next.len() * size * size_of::<f64>() < MAX_BYTES;
+            match work.judge() {
+                Verdict::Proved => low = low.min(work.lower_bound()),
+                Verdict::Degenerate(c) => {
+                    low = low.min(0.0);
+                    cells.push(report(&work, CellKind::Degenerate, c));
+                }
+                Verdict::BelowRounding(c) => {
+                    low = low.min(work.lower_bound());
+                    cells.push(report(&work, CellKind::BelowRounding, c));
+                }
+                Verdict::Folded(c) => {
+                    low = low.min(work.lower_bound());
+                    cells.push(report(&work, CellKind::Folded, c));
+                }
+                Verdict::Open if depth < limits.max_depth && fits => {
                     subdivisions += 4;
                     next.extend(work.halve());
-                    continue;
                 }
                 Verdict::Open => {
+                    low = low.min(work.lower_bound());
                     let corner = (0..4)
                         .min_by(|&a, &b| work.corner_value(a).total_cmp(&work.corner_value(b)))
                         .expect("four corners");
-                    cells.push(work.report(CellKind::Undecided, corner, scale));
+                    cells.push(report(&work, CellKind::Undecided, corner));
                 }
             }
-            low = low.min(bound);
         }
         if next.is_empty() {
             break;
         }
         queue = next;
     }
-    PatchProof { lower_bound: low / scale, sign_agrees, cells: worst(cells), subdivisions }
+    PatchProof { lower_bound: relative(low), sign_agrees, cells: worst(cells), subdivisions }
 }
 
 /// The worst cells of each kind, folded ones first.
 fn worst(mut cells: Vec<Cell>) -> Vec<Cell> {
     cells.sort_by(|a, b| b.kind.cmp(&a.kind).then(a.value.total_cmp(&b.value)));
-    let mut seen = [0; 3];
+    let mut seen = [0; 4];
     cells.retain(|cell| {
         let count = &mut seen[cell.kind as usize];
         *count += 1;
@@ -440,7 +565,8 @@ fn worst(mut cells: Vec<Cell>) -> Vec<Cell> {
 
 /// [`certify_patch`] for several patches at once; the result does not depend on the number of threads.
 pub fn certify_patches(patches: &[SplinePatch], signs: &[f64], limits: &Limits) -> Vec<PatchProof> {
-    patches.par_iter().zip(signs).map(|(patch, &sign)| certify_patch(patch, sign, limits)).collect()
+    let limits = limits.shared_by(patches.len());
+    patches.par_iter().zip(signs).map(|(patch, &sign)| certify_patch(patch, sign, &limits)).collect()
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ mod axis;
 pub mod barrier;
 pub mod bernstein;
 pub mod boundary_fit;
+mod budget;
 pub mod closest_point;
 mod coarse;
 pub mod distortion_descent;

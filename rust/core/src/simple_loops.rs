@@ -5,16 +5,26 @@
 //! pairs of arcs must be separated by a line (separating axes of the control polygons' hulls, a margin for
 //! rounding), halving where they are not. A crossing is proved where two sub-arcs traverse a parallelogram from
 //! side to opposite side each: by the intermediate value theorem they meet.
+//!
+//! Work and memory are bounded for the whole call ([`Budget`]): where they end, the loops are undecided.
 
-use crate::arcs::{Arc, Bezier, Flat, arcs_of_loop, cross, extent, frame_of};
-use crate::bernstein::U;
+use crate::arcs::{Arc, Bezier, Flat, Slope, arcs_of_loop, cross, extent, frame_of};
+use crate::bernstein::{SLACK, TINY, U};
+use crate::budget::Budget;
 use crate::spline::SplineCurve;
 
 /// Halvings of an arc while looking for monotone pairs.
 const MAX_ROUNDS: usize = 40;
-/// Tests spent on one pair of arcs, and on all together.
+/// Tests spent on one pair of arcs.
 const PAIR_BUDGET: usize = 20_000;
-const TOTAL_BUDGET: usize = 2_000_000;
+/// Crossings after which no more are looked for: one disproves the loops, a few dozen show where they are.
+pub const MAX_CROSSINGS: usize = 32;
+/// Undecided places kept, beside which further ones tell nothing new.
+const MAX_UNDECIDED: usize = 1000;
+/// Arcs of a chain that is tried whole: a cluster of knots has at most as many as the degree, up to 28.
+const MAX_CHAIN: usize = 32;
+/// Meetings closer than this, relative to the model, are one.
+const SAME: f64 = 1e-7;
 /// A crossing is located to within this size, relative to the model.
 const LOCATED: f64 = 1e-10;
 
@@ -36,8 +46,10 @@ pub enum MeetingKind {
     Crossing,
     /// Could not be separated: they touch or nearly so.
     Near,
-    /// A single place where the loop turns back on itself (a cusp).
+    /// A single place where the loop turns back on itself (a cusp), or nearly so.
     Cusp,
+    /// The search ended here: it would have needed too many pieces.
+    Unfinished,
 }
 
 /// Two places of the loops that cross or that could not be separated.
@@ -75,16 +87,23 @@ pub fn check_loops(loops: &[Vec<SplineCurve>]) -> LoopsProof {
     let mut chains: Vec<Vec<Arc>> = Vec::with_capacity(loops.len());
     let mut meetings = Vec::new();
     for (k, curves) in loops.iter().enumerate() {
-        let (mut arcs, loop_gap) = arcs_of_loop(k, curves, origin, unit);
+        let (arcs, loop_gap) = arcs_of_loop(k, curves, origin, unit);
         gap = gap.max(loop_gap);
-        make_monotone(&mut arcs, &mut meetings);
         chains.push(arcs);
+    }
+    let mut pieces: usize = chains.iter().map(Vec::len).sum();
+    let budget = Budget::new(pieces);
+    for arcs in &mut chains {
+        make_monotone(arcs, &mut meetings, &mut pieces, &budget);
     }
     let flats: Vec<Vec<Flat>> =
         chains.iter().map(|arcs| arcs.iter().map(|a| a.bezier.flat()).collect()).collect();
-    separate(&chains, &flats, &mut meetings);
-    let orientation =
-        chains.iter().zip(&flats).map(|(arcs, flats)| crate::arcs::orientation(arcs, flats)).collect();
+    separate(&chains, &flats, &budget, &mut meetings);
+    let orientation = chains
+        .iter()
+        .zip(&flats)
+        .map(|(arcs, flats)| crate::arcs::orientation(arcs, flats, &budget))
+        .collect();
     let boxes: Vec<[f64; 4]> = flats.iter().map(|flats| enclosing(flats)).collect();
     let around = (0..chains.len())
         .map(|k| {
@@ -93,7 +112,7 @@ pub fn check_loops(loops: &[Vec<SplineCurve>]) -> LoopsProof {
             for m in (0..chains.len()).filter(|&m| m != k) {
                 // A loop does not wind around what lies off its hull.
                 if overlap(&first.bounds(), &boxes[m])
-                    && crate::arcs::winding(&chains[m], &flats[m], first.start())? != 0
+                    && crate::arcs::winding(&chains[m], &flats[m], first, &budget)? != 0
                 {
                     around.push(m);
                 }
@@ -124,7 +143,9 @@ fn enclosing(flats: &[Flat]) -> [f64; 4] {
 }
 
 /// Halve arcs until there are four or more and every two consecutive ones are monotone together.
-fn make_monotone(arcs: &mut Vec<Arc>, meetings: &mut Vec<Meeting>) {
+///
+/// `pieces` counts the arcs of all loops.
+fn make_monotone(arcs: &mut Vec<Arc>, meetings: &mut Vec<Meeting>, pieces: &mut usize, budget: &Budget) {
     for round in 0.. {
         let n = arcs.len();
         if n == 0 {
@@ -136,20 +157,27 @@ fn make_monotone(arcs: &mut Vec<Arc>, meetings: &mut Vec<Meeting>) {
             let (a, b) = (&arcs[i], &arcs[(i + 1) % n]);
             if !crate::arcs::monotone(&[&a.slope, &b.slope]) {
                 bad.push(i);
+                if a.slope.is_lost() || b.slope.is_lost() {
+                    continue;
+                }
                 let alone = [&a.slope, &b.slope].map(|s| crate::arcs::monotone(&[s]));
                 let both = alone[0] && alone[1];
                 split[i] |= both || !alone[0];
                 split[(i + 1) % n] |= both || !alone[1];
             }
         }
-        if round == MAX_ROUNDS || !split.contains(&true) {
-            for i in bad {
+        let more = split.iter().filter(|&&s| s).count();
+        let ends = round == MAX_ROUNDS || more == 0;
+        if ends || !budget.allows_parts(*pieces + more) {
+            let kind = if ends { MeetingKind::Cusp } else { MeetingKind::Unfinished };
+            for i in bad.into_iter().take(MAX_UNDECIDED) {
                 let (a, b) = (&arcs[i], &arcs[(i + 1) % n]);
                 let point = b.bezier.flat().start();
-                meetings.push(Meeting { kind: MeetingKind::Cusp, a: a.place(1.0), b: b.place(0.0), point });
+                meetings.push(Meeting { kind, a: a.place(1.0), b: b.place(0.0), point });
             }
             return;
         }
+        *pieces += more;
         *arcs = arcs
             .drain(..)
             .zip(split)
@@ -159,43 +187,90 @@ fn make_monotone(arcs: &mut Vec<Arc>, meetings: &mut Vec<Meeting>) {
 }
 
 /// Separate all pairs of arcs that are not neighbours, or report where that fails.
-fn separate(chains: &[Vec<Arc>], flats: &[Vec<Flat>], meetings: &mut Vec<Meeting>) {
+fn separate(chains: &[Vec<Arc>], flats: &[Vec<Flat>], budget: &Budget, meetings: &mut Vec<Meeting>) {
     let index: Vec<(usize, usize)> =
         chains.iter().enumerate().flat_map(|(k, arcs)| (0..arcs.len()).map(move |i| (k, i))).collect();
     let boxes: Vec<[f64; 4]> = flats.iter().flatten().map(Flat::bounds).collect();
     let mut order: Vec<usize> = (0..index.len()).collect();
     order.sort_by(|&a, &b| boxes[a][0].total_cmp(&boxes[b][0]).then(a.cmp(&b)));
     let mut active: Vec<usize> = Vec::new();
-    let mut found = Vec::new();
-    let mut spent = 0;
-    for &b in &order {
+    let mut found = Found::default();
+    'search: for &b in &order {
         active.retain(|&a| boxes[a][1] >= boxes[b][0]);
+        budget.spend(active.len());
         for &a in &active {
             let (first, second) = (a.min(b), a.max(b));
             if !overlap(&boxes[a], &boxes[b]) || neighbours(chains, index[a], index[b]) {
                 continue;
             }
-            if flats[index[a].0][index[a].1].separated(&flats[index[b].0][index[b].1]) {
+            if flats[index[a].0][index[a].1].separated(&flats[index[b].0][index[b].1], budget) {
                 continue;
             }
-            if let Some(meeting) = separate_pair(chains, index[first], index[second], &mut spent) {
-                found.push(meeting);
+            if monotone_chain(chains, index[first], index[second]) {
+                continue;
+            }
+            if let Some(meeting) = separate_pair(chains, index[first], index[second], budget) {
+                found.add(meeting);
+            }
+            if budget.is_spent() || found.crossings.len() == MAX_CROSSINGS {
+                break 'search;
             }
         }
         active.push(b);
-    }
-    found.sort_by_key(|m| {
-        (m.kind != MeetingKind::Crossing, m.a.loop_index, m.a.curve, m.b.loop_index, m.b.curve)
-    });
-    for meeting in found {
-        let close = |other: &Meeting| {
-            let d = (meeting.point[0] - other.point[0]).hypot(meeting.point[1] - other.point[1]);
-            d < 1e-7 && (other.kind == MeetingKind::Crossing || other.kind == meeting.kind)
-        };
-        if !meetings.iter().any(close) {
-            meetings.push(meeting);
+        // Also where the spending is the sweep's.
+        if budget.is_spent() {
+            let (k, i) = index[b];
+            let (arc, point) = (&chains[k][i], flats[k][i].start());
+            found.add(Meeting { kind: MeetingKind::Unfinished, a: arc.place(0.0), b: arc.place(1.0), point });
+            break;
         }
     }
+    meetings.extend(found.sorted());
+}
+
+/// Meetings of pairs of arcs, those at one place once.
+#[derive(Default)]
+struct Found {
+    crossings: Vec<Meeting>,
+    others: Vec<Meeting>,
+}
+
+impl Found {
+    fn add(&mut self, meeting: Meeting) {
+        let crosses = meeting.kind == MeetingKind::Crossing;
+        let list = if crosses { &mut self.crossings } else { &mut self.others };
+        if list.len() < MAX_UNDECIDED && !list.iter().any(|other| close(other, &meeting)) {
+            list.push(meeting);
+        }
+    }
+
+    /// Crossings first, without other places where there is a crossing; each kind by its place.
+    fn sorted(mut self) -> Vec<Meeting> {
+        let crossings = self.crossings;
+        self.others.retain(|other| !crossings.iter().any(|crossing| close(crossing, other)));
+        let mut all = [crossings, self.others].concat();
+        all.sort_by_key(|m| {
+            (m.kind != MeetingKind::Crossing, m.a.loop_index, m.a.curve, m.b.loop_index, m.b.curve)
+        });
+        all
+    }
+}
+
+fn close(a: &Meeting, b: &Meeting) -> bool {
+    (a.point[0] - b.point[0]).hypot(a.point[1] - b.point[1]) < SAME
+}
+
+/// Whether two arcs of a loop do not meet because all arcs from one to the other are monotone in one direction.
+///
+/// The pieces between nearly equal knots may be too short to hold their neighbours apart.
+fn monotone_chain(chains: &[Vec<Arc>], a: (usize, usize), b: (usize, usize)) -> bool {
+    let arcs = &chains[a.0];
+    let chain = |from: usize, steps: usize| {
+        let slopes = || (0..=steps).map(|k| &arcs[(from + k) % arcs.len()].slope).collect::<Vec<&Slope>>();
+        steps <= MAX_CHAIN && crate::arcs::monotone(&slopes())
+    };
+    let steps = b.1.abs_diff(a.1);
+    a.0 == b.0 && (chain(a.1.min(b.1), steps) || chain(a.1.max(b.1), arcs.len() - steps))
 }
 
 fn neighbours(chains: &[Vec<Arc>], a: (usize, usize), b: (usize, usize)) -> bool {
@@ -228,7 +303,7 @@ fn separate_pair(
     chains: &[Vec<Arc>],
     a: (usize, usize),
     b: (usize, usize),
-    spent: &mut usize,
+    budget: &Budget,
 ) -> Option<Meeting> {
     let whole = |(k, i): (usize, usize)| {
         let bezier = chains[k][i].bezier.clone();
@@ -239,11 +314,10 @@ fn separate_pair(
         Meeting { kind, a: place(a, pa), b: place(b, pb), point: pa.flat.start() }
     };
     let mut near = None;
-    let mut budget = PAIR_BUDGET;
+    let mut left = PAIR_BUDGET;
     let mut stack = vec![(whole(a), whole(b), false)];
     while let Some((pa, pb, mut crosses)) = stack.pop() {
-        *spent += 1;
-        if pa.flat.separated(&pb.flat) {
+        if pa.flat.separated(&pb.flat, budget) {
             continue;
         }
         // Near the end of a part a crossing shows only on parts that reach farther.
@@ -255,12 +329,19 @@ fn separate_pair(
         if crosses && size < LOCATED {
             return Some(meeting(MeetingKind::Crossing, &pa, &pb));
         }
-        budget = budget.saturating_sub(1);
-        let exhausted = budget == 0 || *spent > TOTAL_BUDGET;
-        if exhausted || size < 64.0 * (pa.flat.err + pb.flat.err) {
-            let kind = if crosses { MeetingKind::Crossing } else { MeetingKind::Near };
+        left = left.saturating_sub(1);
+        // Halving, windows and the test for a crossing take some products of every two points.
+        budget.spend(16 * pa.flat.points.len() * pb.flat.points.len());
+        let exhausted = left == 0 || budget.is_spent();
+        // Also where the bound is NaN: smaller parts cannot be told apart either.
+        if exhausted || !(size >= 64.0 * (pa.flat.err + pb.flat.err)) {
+            let kind = match crosses {
+                true => MeetingKind::Crossing,
+                false if exhausted => MeetingKind::Unfinished,
+                false => MeetingKind::Near,
+            };
             near.get_or_insert_with(|| meeting(kind, &pa, &pb));
-            budget = budget.min(PAIR_BUDGET / 10);
+            left = left.min(PAIR_BUDGET / 10);
             if exhausted {
                 break;
             }
@@ -309,7 +390,8 @@ fn crossing(a: &Flat, b: &Flat) -> bool {
     }
     let x = |p: [f64; 2]| cross(p, e2);
     let y = |p: [f64; 2]| cross(e1, p);
-    let margin = |e: [f64; 2], of: &Flat| (of.err + 4.0 * U * of.reach) * (e[0].abs() + e[1].abs());
+    let margin =
+        |e: [f64; 2], of: &Flat| SLACK * (of.err + 4.0 * U * of.reach) * (e[0].abs() + e[1].abs()) + TINY;
     let (mx, my) = (margin(e2, a) + margin(e2, b), margin(e1, a) + margin(e1, b));
     let left = b.points.iter().all(|&p| x(p) > x(a.start()) + mx);
     let right = b.points.iter().all(|&p| x(p) < x(a.end()) - mx);

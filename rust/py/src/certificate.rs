@@ -36,6 +36,7 @@ fn certify_patches(
     let proofs = threads::run(py, || injectivity::certify_patches(&patches, &signs, &limits))?;
     let kind = |kind| match kind {
         CellKind::Degenerate => "degenerate",
+        CellKind::BelowRounding => "below rounding",
         CellKind::Undecided => "undecided",
         CellKind::Folded => "folded",
     };
@@ -67,6 +68,7 @@ fn certify_loops(py: Python<'_>, loops: Vec<Vec<CurveTuple<'_>>>) -> PyResult<Lo
         MeetingKind::Crossing => "crossing",
         MeetingKind::Near => "near",
         MeetingKind::Cusp => "cusp",
+        MeetingKind::Unfinished => "unfinished",
     };
     let place = |p: Place| (p.loop_index, p.curve, p.t);
     let meetings =
