@@ -266,10 +266,9 @@ def spikes(rng: Rng, probe: Probe) -> None:
 
 def subnormal_axes(rng: Rng, probe: Probe) -> None:
     """Hull points that differ by subnormal numbers, next to a second patch that overlaps, or nearly."""
-    # Means of two equal numbers of this size differ from them by a few of the smallest subnormals; with knots near
-    # these, on one hull.
-    tiny = np.array([1.4351669010636688e-307, -1.5729541744015223e-307])
-    inner = [float(rng.uniform(0.37, 0.39)), float(rng.uniform(0.59, 0.61))]
+    # Weighted means of two equal numbers of this size may differ from them by a few of the smallest subnormals.
+    tiny = 1e-307 * rng.uniform(1, 2, 2) * [1, -1]
+    inner = [float(rng.uniform(0.3, 0.45)), float(rng.uniform(0.55, 0.7))]
     x, half, short = 0.15, 0.005, 0.84
     if rng.random() < 0.4:
         tiny = 10.0 ** rng.uniform(-320, -290) * rng.uniform(-1, 1, 2)

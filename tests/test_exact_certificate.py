@@ -21,7 +21,7 @@ from limited import LimitedCertify
 from patchtransfer import BSplineCurve, Certificate, InputError, Interface, MultiPatch, Patch, Side
 
 #: About a minute of processor time.
-MODELS = int(os.environ.get("PATCHTRANSFER_EXACT", "5000"))
+MODELS = int(os.environ.get("PATCHTRANSFER_EXACT", "4000"))
 #: A family is left when the certificate has broken its limits this often: every time costs seconds.
 BROKEN = 3
 #: Disagreements printed with their models.
@@ -105,6 +105,13 @@ def test_families_have_models_of_both_kinds(family):
     statuses = findings(family).statuses
     assert statuses["certified"] > 0
     assert statuses["folded"] > 0
+
+
+@FAMILIES
+def test_families_are_decided(family):
+    """Where nothing is claimed nothing can be refuted."""
+    statuses = findings(family).statuses
+    assert statuses["certified"] + statuses["degenerate"] + statuses["folded"] > 10
 
 
 def quad(points) -> Patch:
