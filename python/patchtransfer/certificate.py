@@ -304,8 +304,8 @@ def _patch_reason(cells: Sequence[Cell]) -> str:
     if worst.within_rounding:
         return (
             f"patch {worst.patch} is undecided {where}: det J = {worst.value:.3g} of its mean there, negative within "
-            "the rounding of the coordinates; move a control point beside this corner by an ulp (a transfer does so "
-            "with its source)"
+            "the rounding of the coordinates; `patchtransfer refine` moves the control points beside such corners by "
+            "an ulp, and so does a transfer with its source"
         )
     return (
         f"patch {worst.patch} is undecided {where}: det J = {worst.value:.3g} of its mean there, and neither "
@@ -337,7 +337,9 @@ def _gluing(welded: Welded, positive: Sequence[bool]) -> list[tuple[str, str]]:
                 )
                 findings.append(("undecided", f"interface {interface_name(f)}: {text}"))
         if (a is None) != (b is None):
-            findings.append(("undecided", f"interface {interface_name(f)}: only one side has weights; make both rational"))
+            findings.append(
+                ("undecided", f"interface {interface_name(f)}: only one side has weights; make both rational")
+            )
     return findings
 
 

@@ -196,8 +196,12 @@ def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | Non
 @click.option("--split", type=click.IntRange(1, 64), default=1, metavar="N", help="Cut every knot span into N.")
 @click.option("--smoothness", type=click.IntRange(0), metavar="R", help="Repeat inner knots until C^R.")
 def refine(file: str, output: str, elevate: int, split: int, smoothness: int | None) -> None:
-    """Raise degrees, split knot spans or repeat knots of the multi-patch FILE; its geometry stays."""
+    """Raise degrees, split knot spans or repeat knots of the multi-patch FILE; its geometry stays.
+
+    Straight corners whose det J is negative by rounding are put straight, with a note.
+    """
     from . import io
+    from .source_corners import certify_straight
 
     with failures(Report(None)):
         check_outputs(model=output)
@@ -205,8 +209,11 @@ def refine(file: str, output: str, elevate: int, split: int, smoothness: int | N
         model = io.read(file)
         model = (model.elevate(elevate) if elevate else model).split_spans(split)
         model = model if smoothness is None else model.reduce_continuity(smoothness)
+        # Rounding takes straight corners to either side of straight.
+        model, _, notes = certify_straight(model)
         io.write(model, output)
     click.echo(f"{model!r} written to {output}")
+    warn(notes)
 
 
 @main.command()

@@ -196,14 +196,14 @@ def fit_boundary(
     return _collect(registration, points, errors / diameter, smooth, uniform, tolerance, diameter)
 
 
-def _single_corners(counts: Sequence[int], single: Sequence[NDArray[np.bool_]]) -> Triangles:
+def _single_corners(counts: Sequence[int], single: Sequence[Sequence[bool] | NDArray[np.bool_]]) -> Triangles:
     """Triangles of a joint and its two legs where one patch fills the corner; points are numbered side by side."""
     first = np.cumsum(counts) - counts
     leg = first + np.asarray(counts) - 2
     rows, side = [], 0
     for flags in single:
         these = np.arange(side, side + len(flags))
-        rows.append(np.stack([first[these], first[these] + 1, leg[np.roll(these, 1)]], axis=1)[np.asarray(flags)])
+        rows.append(np.stack([first[these], first[these] + 1, leg[np.roll(these, 1)]], axis=1)[np.asarray(flags, bool)])
         side += len(flags)
     corners = np.concatenate(rows)
     return Triangles(corners, np.ones(len(corners), np.int64))

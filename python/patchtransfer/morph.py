@@ -15,10 +15,11 @@ from typing import Any, overload
 import numpy as np
 
 from .background_mesh import TriangleMesh, source_mesh
-from .certificate import Certificate, certify
+from .certificate import Certificate
 from .errors import InputError, NotCertifiedError, TransferError
 from .multipatch import MultiPatch
 from .rigid_blend import RigidBlend, Similarity
+from .source_corners import certify_straight
 from .splines import FloatArray
 from .topology import Topology
 from .transfer import TransferPlan
@@ -144,7 +145,7 @@ def morph(
     blend = _Blend(a, b)
     frames: dict[int, MorphFrame] = {}
     for index, name, model in ((0, "first", a), (n - 1, "second", b)):
-        certificate = certify(model)
+        model, certificate, _ = certify_straight(model)
         if not certificate.injective:
             raise InputError(f"the {name} model is not injective: {'; '.join(certificate.reasons[:3])}")
         frames[index] = MorphFrame(times[index], model, certificate, "given")
@@ -199,8 +200,8 @@ def _glue(mp: MultiPatch) -> set[frozenset[tuple[int, int]] | tuple[object, ...]
 
 
 def _frame(a: MultiPatch, points: FloatArray, t: float, way: str) -> MorphFrame:
-    model = a.with_shared_points(points)
-    return MorphFrame(t, model, certify(model), way)
+    model, certificate, _ = certify_straight(a.with_shared_points(points))
+    return MorphFrame(t, model, certificate, way)
 
 
 def _turning_frame(a: MultiPatch, points: FloatArray, t: float, plan: _Lazy, last: MorphFrame) -> MorphFrame:

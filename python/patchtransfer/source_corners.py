@@ -1,12 +1,25 @@
-"""Straight corners of a source from elsewhere, put on the right side of straight where rounding has them negative."""
+"""Straight corners of a model from elsewhere, put on the right side of straight where rounding has them negative."""
 
 from __future__ import annotations
 
-from .certificate import Certificate
+from .certificate import Certificate, certify
 from .multipatch import MultiPatch
 from .straight_corners import corner_triangles, straighten
 
-__all__ = ["straighten_source"]
+__all__ = ["certify_straight", "straighten_source"]
+
+
+def certify_straight(multipatch: MultiPatch) -> tuple[MultiPatch, Certificate, list[str]]:
+    """A multi-patch with its certificate, after straightening where that is needed, and notes on what moved.
+
+    Parameters
+    ----------
+    multipatch : MultiPatch
+        With bit-equal interfaces.
+    """
+    certificate = certify(multipatch)
+    straight, notes = straighten_source(multipatch, certificate)
+    return straight, certify(straight) if notes else certificate, notes
 
 
 def straighten_source(multipatch: MultiPatch, certificate: Certificate) -> tuple[MultiPatch, list[str]]:
@@ -39,7 +52,7 @@ def straighten_source(multipatch: MultiPatch, certificate: Certificate) -> tuple
         return multipatch, []
     places = ", ".join(f"patch {k} corner {c}" for k, c in corners[:4]) + (", ..." if len(corners) > 4 else "")
     note = (
-        f"the source was negative within rounding at {len(corners)} straight corner{'s' if len(corners) > 1 else ''} "
+        f"the model was negative within rounding at {len(corners)} straight corner{'s' if len(corners) > 1 else ''} "
         f"({places}): control points were moved by at most {moved:.2g} so that det J >= 0 there"
     )
     return multipatch.with_shared_points(points), [note]

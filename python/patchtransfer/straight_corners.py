@@ -25,7 +25,7 @@ ROUNDS = 8
 
 
 class Triangles(NamedTuple):
-    """Corners of patches: rows (corner, neighbour, neighbour) of point numbers, counter-clockwise where `sense` is 1."""
+    """Patch corners: `rows` (corner, neighbour, neighbour) of point numbers, counter-clockwise where `sense` is 1."""
 
     rows: IntArray
     sense: IntArray

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .certificate import Certificate, certify
+from .certificate import Certificate
 from .clock import Clock
 from .continuity_report import check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError
@@ -30,7 +30,7 @@ from .refinement import Knot, insert_in_strips, missed_spans, span_middles
 from .registration import Registration, register
 from .result import TransferResult
 from .sliding import Slid, movable_joints, slide_joints
-from .source_corners import straighten_source
+from .source_corners import certify_straight
 from .splines import FloatArray, Patch
 from .straight_corners import corner_triangles, straighten
 from .task import TransferTask, in_order
@@ -161,12 +161,10 @@ class TransferPlan:
                 f"the source has {topology.n_components} separate parts (are interfaces missing?); transfer them one "
                 "by one"
             )
-        self._welded = source.with_shared_points(topology.coordinates)
-        certificate = certify(self._welded)
-        self._welded, self._notes = straighten_source(self._welded, certificate)
+        self._welded, certificate, self._notes = certify_straight(source.with_shared_points(topology.coordinates))
         if self._notes:
             self.source = source = self._welded
-            topology, certificate = source.topology, certify(source)
+            topology = source.topology
         if not certificate.injective:
             raise InputError(f"the source is not an injective parameterization: {'; '.join(certificate.reasons)}")
         self._loops = self._welded.boundary().loops

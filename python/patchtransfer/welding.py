@@ -150,11 +150,13 @@ def _strips(interfaces: Sequence[Interface]) -> list[_Strip]:
         a, b = (f.patch_a, f.side_a.axis), (f.patch_b, f.side_b.axis)
         beside[a].append((i, b))
         beside[b].append((i, a))
-    strips, seen = [], set()
+    strips: list[_Strip] = []
+    seen: set[tuple[int, int]] = set()
     for first in sorted(beside):
         if first in seen:
             continue
-        members, inside, twisted, queue = {first: False}, set(), False, [first]
+        members, twisted, queue = {first: False}, False, [first]
+        inside: set[int] = set()
         for here in queue:
             for i, there in beside[here]:
                 inside.add(i)

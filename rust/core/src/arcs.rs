@@ -235,9 +235,12 @@ impl Slope {
     }
 
     /// Whether rounding drowns all vectors: then it does on every part too, and halving is of no use.
+    ///
+    /// A vector needs one and a half times the error to ascend along itself; with a little more it would take
+    /// thousands of parts to find directions in which all do.
     pub fn is_lost(&self) -> bool {
-        // Also where they are NaN.
-        !(self.size() > self.err)
+        let felt = self.size() > 4.0 * self.err; // Not so where they are NaN.
+        !felt
     }
 
     /// Whether all vectors that do not vanish have a positive component along `n`, beyond rounding.
@@ -495,11 +498,12 @@ pub(crate) fn winding(arcs: &[Arc], flats: &[Flat], around: &Flat, budget: &Budg
         while let Some(part) = stack.pop() {
             for half in part.halve() {
                 let flat = half.flat();
+                let parts_may_differ = extent(&flat.points) > point.err && !budget.is_spent();
                 match angle_under(&flat, &mut point) {
                     Some(angle) => total += angle,
+                    None if parts_may_differ => stack.push(half),
                     // Smaller parts would not come off the point either.
-                    None if !(extent(&flat.points) > point.err) || budget.is_spent() => return None,
-                    None => stack.push(half),
+                    None => return None,
                 }
             }
         }

@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 
-/// Products with one point that are made at most, about a second's work.
+/// Products with one point that are made at most, about two seconds' work.
 ///
 /// Loops of thousands of curves that lie close together need some 10⁷; what needs more has places by the thousand that
 /// cannot be told apart.

@@ -13,16 +13,14 @@
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use robust::{Coord, orient2d};
 
 use crate::bernstein::{BoundedBernstein, Extraction, U, extract, larger, power_of_two_above};
 use crate::spline::SplinePatch;
+use crate::triangle_sign::{slow_turn, turn};
 
 /// Coordinates are taken to be known within this many units of roundoff of the largest one when a patch corner
 /// is called degenerate: an exactly straight corner does not survive being written down.
 const DATA_ULPS: f64 = 16.0;
-/// Coordinates above this have products that the exact sign of a triangle's area may take apart without underflow.
-const EXACT_ABOVE: f64 = 1e-100;
 /// Coefficients of a cell of degree about five; cells with more are as many fewer.
 const COEFFICIENTS: usize = 100;
 /// Bytes that the cells of one patch may take: some ten thousand of moderate degree.
@@ -261,9 +259,8 @@ const GAUSS: [(f64, f64); 4] = [
 /// det J of a patch on its Bézier pieces, prepared once.
 struct Jacobian<'a> {
     patch: &'a SplinePatch,
-    /// Control points in units of `unit`, a power of two, where their magnitude is one.
+    /// Control points scaled by a power of two to magnitude one.
     points: Vec<[f64; 2]>,
-    unit: f64,
     /// Weights scaled likewise; empty for a polynomial patch.
     weights: Vec<f64>,
     /// Knots in `units`, powers of two.
@@ -299,7 +296,6 @@ impl<'a> Jacobian<'a> {
         Self {
             patch,
             points,
-            unit,
             weights,
             units: [unit_u, unit_v],
             values: std::array::from_fn(|d| Extraction::new(&knots[d], degrees[d])),
@@ -347,16 +343,16 @@ impl<'a> Jacobian<'a> {
     }
 
     /// det J (times W³) at a patch corner, of the right sign: a positive multiple of the area of the triangle of the
-    /// corner's control point and its two neighbours. None where underflow may have taken the sign.
+    /// corner's control point and its two neighbours. None where knots or weights are so far apart that it underflows.
     fn corner_value(&self, corner: usize, sign: f64) -> Option<f64> {
         let [m, n] = self.patch.shape;
         let (i, beside_i) = if corner >> 1 == 0 { (0, 1) } else { (m - 1, m - 2) };
         let (j, beside_j) = if corner & 1 == 0 { (0, 1) } else { (n - 1, n - 2) };
         let triangle = [(beside_i, j), (i, beside_j), (i, j)].map(|(i, j)| i * n + j);
-        if triangle.iter().any(|&k| self.points[k].map(|x| x * self.unit) != self.patch.points[k]) {
-            return None; // Scaling lost digits.
-        }
-        let area = turn(triangle.map(|k| self.points[k]))?;
+        let area = turn(triangle.map(|k| self.points[k])).unwrap_or_else(|| {
+            // Of the points as they are stored: scaled ones may have lost digits.
+            slow_turn(triangle.map(|k| self.patch.points[k]))
+        });
         // Along u and v inwards, which turns the sense at two of the corners.
         let inwards = if (corner >> 1) == (corner & 1) { sign } else { -sign };
         let speeds = [(0, corner >> 1), (1, corner & 1)].map(|(d, end)| {
@@ -445,17 +441,6 @@ impl<'a> Jacobian<'a> {
     }
 }
 
-/// Twice the signed area of the triangle (a, b, c), of the right sign; None where underflow may take it.
-fn turn([a, b, c]: [[f64; 2]; 3]) -> Option<f64> {
-    let same = |d: usize| a[d] == b[d] && b[d] == c[d];
-    if same(0) || same(1) {
-        return Some(0.0);
-    }
-    let exact = [a, b, c].iter().flatten().all(|x| *x == 0.0 || x.abs() > EXACT_ABOVE);
-    let coord = |p: [f64; 2]| Coord { x: p[0], y: p[1] };
-    exact.then(|| orient2d(coord(a), coord(b), coord(c)))
-}
-
 /// What a row of Bézier pieces left over.
 #[derive(Default)]
 struct Row {
@@ -493,8 +478,9 @@ pub fn certify_patch(patch: &SplinePatch, sign: f64, limits: &Limits) -> PatchPr
     let jacobian = Jacobian::new(patch);
     let mut rows = examine(&jacobian, sign);
     let mut total: f64 = rows.iter().map(|r| r.integral).sum();
-    let sign_agrees = !(total < 0.0);
-    if !sign_agrees {
+    let opposite = total < 0.0;
+    let sign_agrees = !opposite;
+    if opposite {
         rows = examine(&jacobian, -sign);
         total = rows.iter().map(|r| r.integral).sum();
     }
@@ -504,7 +490,8 @@ pub fn certify_patch(patch: &SplinePatch, sign: f64, limits: &Limits) -> PatchPr
     // A patch without area has no mean; its values are then relative to the largest coefficient.
     let scale = if mean > 1e-14 * largest { mean } else { largest.max(f64::MIN_POSITIVE) };
     // A positive bound holds relative to the largest mean that rounding allows.
-    let off: f64 = rows.iter().map(|r| r.uncertain).sum::<f64>() / domain + 64.0 * U * scale;
+    let pieces = jacobian.spans(0) * jacobian.spans(1);
+    let off = rows.iter().map(|r| r.uncertain).sum::<f64>() / domain + (pieces + 64) as f64 * U * largest;
     let relative = |low: f64| if low > 0.0 { low / (scale + off) * (1.0 - 4.0 * U) } else { low / scale };
     let report = |work: &Work, kind, corner| work.report(kind, corner, scale, jacobian.units);
     let mut low = rows.iter().map(|r| r.low).fold(f64::INFINITY, f64::min);

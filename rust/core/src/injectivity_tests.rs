@@ -228,3 +228,42 @@ fn a_collapsed_patch_ends_undecided_within_the_budget() {
     assert!(!proof.cells.is_empty() && proof.cells.iter().all(|c| c.kind == CellKind::Undecided));
     assert!(proof.subdivisions < 60_000 && proof.cells.len() <= REPORTED);
 }
+
+#[test]
+fn a_corner_below_straight_is_not_degenerate() {
+    let corner = |x: f64| SplinePatch {
+        degrees: [1, 1],
+        knots: [vec![0.0, 0.0, 1.0, 1.0], vec![0.0, 0.0, 1.0, 1.0]],
+        shape: [2, 2],
+        points: vec![[x, x], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]],
+        weights: None,
+    };
+    let kind =
+        |x: f64| certify_patch(&corner(x), 1.0, &Limits::default()).cells.first().map(|c| (c.kind, c.value));
+    assert_eq!(kind(0.5), Some((CellKind::Degenerate, 0.0)));
+    assert!(matches!(kind(0.5f64.next_up()), Some((CellKind::BelowRounding, x)) if x < 0.0));
+    assert!(matches!(kind(0.5f64.next_down()), Some((CellKind::Degenerate, x)) if x >= 0.0));
+    assert_eq!(kind(0.25), None);
+    assert_eq!(kind(0.75).unwrap().0, CellKind::Folded);
+}
+
+#[test]
+fn numbers_without_bounds_prove_nothing() {
+    // Overflow and knots of any size: never a proof by accident, and never a hang.
+    for scale in [1e-320, 1e-200, 1e150, 1e300] {
+        for range in [1e-320, 1e-200, 1.0, 1e200, 1e308] {
+            let mut patch = square(|u, v| [u, v], 3);
+            patch.points.iter_mut().flatten().for_each(|x| *x *= scale);
+            patch.knots.iter_mut().flatten().for_each(|t| *t *= range);
+            if patch.knots[0].windows(4).skip(2).any(|w| w[0] == w[2]) {
+                continue;
+            }
+            let proof = certify_patch(&patch, 1.0, &Limits { max_depth: 4, ..Limits::default() });
+            assert!(proof.cells.iter().all(|c| c.kind != CellKind::Folded), "{scale:e} {range:e}");
+            let mut folded = patch.clone();
+            folded.points.swap(6, 8);
+            let proof = certify_patch(&folded, 1.0, &Limits { max_depth: 4, ..Limits::default() });
+            assert!(!proof.cells.is_empty(), "{scale:e} {range:e}");
+        }
+    }
+}

@@ -36,5 +36,6 @@ pub mod simple_loops;
 pub mod sparse;
 pub mod spline;
 pub mod ssvd;
+mod triangle_sign;
 pub mod triangulation;
 mod tridiagonal;

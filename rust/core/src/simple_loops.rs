@@ -333,8 +333,9 @@ fn separate_pair(
         // Halving, windows and the test for a crossing take some products of every two points.
         budget.spend(16 * pa.flat.points.len() * pb.flat.points.len());
         let exhausted = left == 0 || budget.is_spent();
-        // Also where the bound is NaN: smaller parts cannot be told apart either.
-        if exhausted || !(size >= 64.0 * (pa.flat.err + pb.flat.err)) {
+        // Not so where the bound is NaN either.
+        let parts_may_differ = size >= 64.0 * (pa.flat.err + pb.flat.err);
+        if exhausted || !parts_may_differ {
             let kind = match crosses {
                 true => MeetingKind::Crossing,
                 false if exhausted => MeetingKind::Unfinished,

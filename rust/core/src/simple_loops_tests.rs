@@ -177,3 +177,92 @@ fn thousands_of_curves_close_together_are_separated() {
     assert_eq!(proof.orientation, vec![1, -1]);
     assert_eq!(proof.arcs, 16_000);
 }
+
+#[test]
+fn an_axis_of_subnormals_separates_nothing() {
+    // Points that differ by the smallest subnormal give an axis along which all products round to multiples of it.
+    let tiny = f64::from_bits(1);
+    let hull = |points: &[[f64; 2]]| Flat { points: points.to_vec(), err: 0.0, reach: 1.0 };
+    let a = hull(&[[-1.0, -1.0], [1e-307, -1e-307], [1e-307 + tiny, -1e-307 - tiny], [1.0, 1.0]]);
+    let b = hull(&[[0.145, -0.005], [0.155, 0.005], [0.0, 0.126]]);
+    assert!(!a.separated(&b, &Budget::new(2)));
+    assert!(!b.separated(&a, &Budget::new(2)));
+}
+
+#[test]
+fn nearly_vanishing_slopes_end_at_once() {
+    // The first control points agree, but not to the bit: on a part of fixed length the slope is lost in rounding.
+    for degree in 3..=9 {
+        let mut points = vec![[0.0, 0.0]];
+        points.extend((1..degree).map(|i| [1e-17 * i as f64, 1e-17]));
+        points.push([1.0, 0.5]);
+        let rest = [bezier(&[[1.0, 0.5], [0.0, 1.0]]), bezier(&[[0.0, 1.0], [0.0, 0.0]])];
+        let proof = check_loops(&[[vec![bezier(&points)], rest.to_vec()].concat()]);
+        assert!(proof.arcs < 500, "degree {degree}: {} arcs", proof.arcs);
+        assert!(proof.meetings.iter().all(|m| m.kind != MeetingKind::Crossing));
+    }
+}
+
+#[test]
+fn crossings_are_looked_for_up_to_a_number() {
+    let mut seed = 1u64;
+    let mut random = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let points: Vec<[f64; 2]> = (0..400).map(|_| [random(), random()]).collect();
+    let noise = (0..400).map(|i| bezier(&[points[i], points[(i + 1) % 400]])).collect();
+    let proof = check_loops(&[noise]);
+    let crossings = proof.meetings.iter().filter(|m| m.kind == MeetingKind::Crossing).count();
+    assert_eq!(crossings, MAX_CROSSINGS);
+}
+
+#[test]
+fn a_curve_that_is_retraced_ends_within_its_budget() {
+    // There and back through the same thousands of points: nothing can be told apart, and nothing crosses.
+    let there: Vec<[f64; 2]> = (0..3000).map(|i| [i as f64 / 3000.0, (i as f64 * 0.01).sin()]).collect();
+    let points: Vec<[f64; 2]> = there.iter().chain(there.iter().rev()).copied().collect();
+    let n = points.len();
+    let curves = (0..n).filter(|&i| points[i] != points[(i + 1) % n]);
+    let proof = check_loops(&[curves.map(|i| bezier(&[points[i], points[(i + 1) % n]])).collect()]);
+    assert!(!proof.meetings.is_empty());
+    assert!(proof.meetings.iter().all(|m| m.kind != MeetingKind::Crossing));
+    assert!(proof.arcs < 50_000);
+}
+
+#[test]
+fn knots_that_nearly_coincide_do_not_part_a_boundary() {
+    for gap in [1, 2, 100, 1 << 20, 1 << 40] {
+        let second = f64::from_bits(0.3f64.to_bits() + gap);
+        let knots = [vec![0.0; 3], vec![0.3, second], vec![1.0; 3]].concat();
+        let greville = |i: usize| 0.5 * (knots[i + 1] + knots[i + 2]);
+        let side = |a: [f64; 2], b: [f64; 2]| SplineCurve {
+            degree: 2,
+            knots: knots.clone(),
+            points: (0..5).map(|i| [0, 1].map(|d| a[d] + greville(i) * (b[d] - a[d]))).collect(),
+            weights: None,
+        };
+        let ends = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        let proof = check_loops(&[(0..4).map(|i| side(ends[i], ends[(i + 1) % 4])).collect()]);
+        assert!(proof.meetings.is_empty(), "gap of {gap} ulps: {:?}", proof.meetings);
+        assert_eq!(proof.orientation, vec![1]);
+    }
+}
+
+#[test]
+fn numbers_without_bounds_are_not_called_simple() {
+    // Weights that drown all but one: no hull is known, and two squares that overlap are not called apart.
+    let square = |x: f64, w: f64| {
+        let ends = [[x, 0.0], [x + 1.0, 0.0], [x + 1.0, 1.0], [x, 1.0]];
+        (0..4)
+            .map(|i| {
+                let middle = [0, 1].map(|d| 0.5 * (ends[i][d] + ends[(i + 1) % 4][d]));
+                let curve = bezier(&[ends[i], middle, ends[(i + 1) % 4]]);
+                SplineCurve { weights: Some(vec![1.0, w, 1.0]), ..curve }
+            })
+            .collect::<Vec<_>>()
+    };
+    for w in [1e-300, 1e-17, 1.0, 1e17, 1e300] {
+        assert!(!check_loops(&[square(0.0, w), square(0.5, w)]).meetings.is_empty(), "{w:e}");
+    }
+}
