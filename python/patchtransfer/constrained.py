@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array
-from scipy.sparse.linalg import splu
 
 from .certificate import Certificate
 from .continuity import ContinuityRows
+from .definite import DefiniteFactor
 from .multipatch import MultiPatch
 from .null_space import RowSpace, row_space
 from .optimize import Certify, Progress, SplineOptimizer, optimize_with_ladder
@@ -301,7 +301,7 @@ class _Corners:
         gram = csc_array(movable @ movable.T)
         if not gram.shape[0]:
             return points
-        return np.asarray(points - movable.T @ splu(gram).solve(near @ points))
+        return np.asarray(points - movable.T @ DefiniteFactor(gram).solve(near @ points))
 
     def _jacobians(self, points: FloatArray) -> FloatArray:
         """Scaled Jacobians: the sines of the angles between the sides of patches."""

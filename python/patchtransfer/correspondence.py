@@ -18,6 +18,7 @@ from scipy.optimize import linear_sum_assignment
 
 from . import _core
 from .boundary_shape import BoundaryShape, image_of, turning
+from .dense import product
 from .inner_distances import energy_of, slide
 from .splines import FloatArray, IntArray
 
@@ -411,7 +412,7 @@ def _profiles(source: BoundaryShape, target: BoundaryShape, k: int, partner: int
     y = block[:, index] * (1 - fraction) + block[:, (index + 1) % block.shape[1]] * fraction
     w = source.shares(0) / (x**2 + 0.02)
     w /= w.sum(axis=1, keepdims=True)
-    squared = (w * x * x).sum(axis=1)[:, None] - 2 * (w * x) @ y.T + w @ (y * y).T
+    squared = (w * x * x).sum(axis=1)[:, None] - 2 * product(w * x, y.T) + product(w, (y * y).T)
     # Rounding leaves tiny negative numbers on similar shapes.
     return np.asarray(np.maximum(squared, 0.0))
 

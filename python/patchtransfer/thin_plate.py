@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from . import _core
 from .boundary_shape import BoundaryShape
 from .splines import FloatArray
 
@@ -38,18 +39,7 @@ def bending_matrix(points: FloatArray, slack: float = SLACK) -> FloatArray:
     (n, n) array
         Positive semidefinite; zero exactly on affine functions of the points.
     """
-    n = len(points)
-    p = points - points.mean(axis=0)
-    p = p / np.sqrt((p**2).sum(axis=1).mean())
-    squared = ((p[:, None] - p) ** 2).sum(axis=2)
-    system = np.zeros((n + 3, n + 3))
-    # Green's function of the biharmonic operator, r² log r / 8π.
-    system[:n, :n] = squared * np.log(np.where(squared > 0, squared, 1.0)) / (16 * np.pi)
-    system[np.diag_indices(n)] += slack
-    system[:n, n] = system[n, :n] = 1.0
-    system[:n, n + 1 :], system[n + 1 :, :n] = p, p.T
-    inverse = np.linalg.inv(system)[:n, :n]
-    return np.asarray((inverse + inverse.T) / 2)
+    return _core.bending_matrix(points, slack)
 
 
 class Bending:
@@ -74,7 +64,4 @@ class Bending:
         at = np.concatenate([outline.evaluate(y) for outline, y in zip(self.outlines, x, strict=True)])
         # The energy is blind to translations; small numbers round less.
         points, tangents = (at[:, :2] - at[:, :2].mean(axis=0)) / self.size, at[:, 2:] / self.size
-        force = self.matrix @ points
-        gradient += 2 * weight * (tangents * force).sum(axis=1)
-        hessian += 2 * weight * self.matrix * (tangents @ tangents.T)
-        return weight * float((points * force).sum())
+        return _core.add_bending(self.matrix, points, tangents, weight, gradient, hessian)
