@@ -15,6 +15,7 @@ import numpy as np
 
 from . import _core
 from .boundary_shape import BoundaryShape
+from .dense import product, svd
 from .splines import FloatArray
 
 __all__ = ["Bending", "bending_matrix"]
@@ -54,7 +55,10 @@ class Bending:
 
     def __init__(self, source: BoundaryShape, target: BoundaryShape, partners: Sequence[int]) -> None:
         loops = range(len(partners))
-        self.matrix = bending_matrix(np.concatenate([source.outlines[k].point(source.s[k]) for k in loops]))
+        points = np.concatenate([source.outlines[k].point(source.s[k]) for k in loops])
+        self.matrix = bending_matrix(points)
+        u, sigma, _ = svd(np.column_stack([np.full(len(points), np.ptp(points)), points - points.mean(axis=0)]))
+        self._affine = u[:, sigma > 1e-9 * sigma[0]]
         self.outlines = [target.outlines[t] for t in partners]
         outer = self.outlines[0].point(target.s[partners[0]])
         self.size = float(np.sqrt(((outer - outer.mean(axis=0)) ** 2).sum(axis=1).mean()))
@@ -62,6 +66,7 @@ class Bending:
     def add(self, x: Sequence[FloatArray], weight: float, gradient: FloatArray, hessian: FloatArray) -> float:
         """Energy times `weight` at arc lengths `x`; adds to gradient and Gauss–Newton matrix."""
         at = np.concatenate([outline.evaluate(y) for outline, y in zip(self.outlines, x, strict=True)])
-        # The energy is blind to translations; small numbers round less.
         points, tangents = (at[:, :2] - at[:, :2].mean(axis=0)) / self.size, at[:, 2:] / self.size
+        # The energy is blind to affine maps; small numbers round less.
+        points -= product(self._affine, product(self._affine.T, points))
         return _core.add_bending(self.matrix, points, tangents, weight, gradient, hessian)
