@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, diags_array
+from scipy.sparse import csr_array, diags_array, eye_array
 
 from .certificate import Certificate
 from .continuity import ContinuityRows
@@ -298,9 +298,11 @@ class _Corners:
         """The nearest points that satisfy the C1 rows of the first points of interfaces, all other rows aside."""
         near = rows.matrix[np.flatnonzero(np.isin(rows.slave, self._first))]
         movable = csr_array(near @ diags_array(self._free))
-        gram = csc_array(movable @ movable.T)
+        gram = movable @ movable.T
         if not gram.shape[0]:
             return points
+        # Rows may follow from each other: so little that it does not show, but no pivot is lost to rounding.
+        gram = gram + 1e-13 * float(gram.diagonal().max()) * eye_array(gram.shape[0])
         return np.asarray(points - movable.T @ DefiniteFactor(gram).solve(near @ points))
 
     def _jacobians(self, points: FloatArray) -> FloatArray:
