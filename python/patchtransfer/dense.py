@@ -7,6 +7,8 @@ one thread's work. NumPy keeps products of a handful of numbers.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,17 +45,19 @@ def product(a: FloatArray, b: FloatArray) -> FloatArray:
     """
     if b.ndim == 1:
         return product(a, b[:, None])[..., 0]
-    lead = np.broadcast_shapes(a.shape[:-2], b.shape[:-2])
-    out = _core.product(_stack(a, lead), _stack(b, lead))
-    return out.reshape(*lead, a.shape[-2], b.shape[-1])
+    if a.ndim == b.ndim == 2:
+        return np.asarray(_core.product(_stack(a), _stack(b))[0])
+    lead = a.shape[:-2] or b.shape[:-2]
+    if b.ndim > 2 and lead != b.shape[:-2]:
+        lead = np.broadcast_shapes(lead, b.shape[:-2])
+        a, b = (np.broadcast_to(x, (*lead, *x.shape[-2:])) for x in (a, b))
+    return _core.product(_stack(a), _stack(b)).reshape(*lead, a.shape[-2], b.shape[-1])
 
 
-def _stack(a: FloatArray, lead: tuple[int, ...]) -> FloatArray:
-    """One stack (s, m, n) of all matrices, s = 1 where one stands for all."""
-    if a.ndim > 2:
-        a = np.broadcast_to(a, (*lead, *a.shape[-2:]))
-        return np.ascontiguousarray(a, np.float64).reshape(int(np.prod(lead)), *a.shape[-2:])
-    return np.ascontiguousarray(a, np.float64)[None]
+def _stack(a: FloatArray) -> FloatArray:
+    """All matrices as one stack (s, m, n)."""
+    a = np.ascontiguousarray(a, np.float64)
+    return a[None] if a.ndim == 2 else a if a.ndim == 3 else a.reshape(math.prod(a.shape[:-2]), *a.shape[-2:])
 
 
 def svd(a: FloatArray, *, full: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -78,7 +82,7 @@ def svd(a: FloatArray, *, full: bool = False) -> tuple[FloatArray, FloatArray, F
         When an entry is not finite.
     """
     lead = a.shape[:-2]
-    u, sigma, vt = _core.svd(_stack(a, lead), full)
+    u, sigma, vt = _core.svd(_stack(a), full)
     return u.reshape(*lead, *u.shape[1:]), sigma.reshape(*lead, sigma.shape[1]), vt.reshape(*lead, *vt.shape[1:])
 
 
