@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .dense import product
 from .multipatch import Side
 from .splines import FloatArray, IntArray, Patch, collocation_matrix
 
@@ -36,7 +37,7 @@ def polygon_area(points: FloatArray) -> float:
     """Signed area of a closed polygon (n, 2)."""
     # About a vertex: far from the origin the products would lose the area.
     x, y = (points - points[0]).T
-    return float(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+    return float(0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
 
 
 class SideGroup(NamedTuple):
@@ -79,8 +80,9 @@ def enclosed_areas(patches: Sequence[Patch], groups: Sequence[SideGroup], n: int
         control = np.ldexp(control, -int(np.frexp(size)[1]))
     areas = np.zeros(n)
     for form, owners, signs, entries, origins in groups:
-        x, y = (control[entries] - control[origins][:, None]).transpose(2, 0, 1)
-        areas += np.bincount(owners, signs * 0.5 * ((x @ form) * y - (y @ form) * x).sum(axis=1), n)
+        x, y = both = (control[entries] - control[origins][:, None]).transpose(2, 0, 1)
+        with_x, with_y = product(both, form)
+        areas += np.bincount(owners, signs * 0.5 * (with_x * y - with_y * x).sum(axis=1), n)
     return areas
 
 
@@ -107,5 +109,5 @@ def _area_form(knot_bytes: bytes, degree: int) -> FloatArray:
     half = np.diff(breaks)[:, None] / 2
     nodes, weights = (breaks[:-1, None] + half * (t + 1)).ravel(), (half * w).ravel()
     return np.asarray(
-        (collocation_matrix(knots, degree, nodes).T * weights) @ collocation_matrix(knots, degree, nodes, 1)
+        product(collocation_matrix(knots, degree, nodes).T * weights, collocation_matrix(knots, degree, nodes, 1))
     )

@@ -13,11 +13,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, diags_array
-from scipy.sparse.linalg import splu
+from scipy.sparse import csr_array, diags_array, eye_array
 
 from .certificate import Certificate
 from .continuity import ContinuityRows
+from .definite import DefiniteFactor
 from .multipatch import MultiPatch
 from .null_space import RowSpace, row_space
 from .optimize import Certify, Progress, SplineOptimizer, optimize_with_ladder
@@ -298,10 +298,12 @@ class _Corners:
         """The nearest points that satisfy the C1 rows of the first points of interfaces, all other rows aside."""
         near = rows.matrix[np.flatnonzero(np.isin(rows.slave, self._first))]
         movable = csr_array(near @ diags_array(self._free))
-        gram = csc_array(movable @ movable.T)
+        gram = movable @ movable.T
         if not gram.shape[0]:
             return points
-        return np.asarray(points - movable.T @ splu(gram).solve(near @ points))
+        # Rows may follow from each other: so little that it does not show, but no pivot is lost to rounding.
+        gram = gram + 1e-13 * float(gram.diagonal().max()) * eye_array(gram.shape[0])
+        return np.asarray(points - movable.T @ DefiniteFactor(gram).solve(near @ points))
 
     def _jacobians(self, points: FloatArray) -> FloatArray:
         """Scaled Jacobians: the sines of the angles between the sides of patches."""

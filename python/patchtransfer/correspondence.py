@@ -18,6 +18,7 @@ from scipy.optimize import linear_sum_assignment
 
 from . import _core
 from .boundary_shape import BoundaryShape, image_of, turning
+from .dense import product
 from .inner_distances import energy_of, slide
 from .splines import FloatArray, IntArray
 
@@ -411,7 +412,7 @@ def _profiles(source: BoundaryShape, target: BoundaryShape, k: int, partner: int
     y = block[:, index] * (1 - fraction) + block[:, (index + 1) % block.shape[1]] * fraction
     w = source.shares(0) / (x**2 + 0.02)
     w /= w.sum(axis=1, keepdims=True)
-    squared = (w * x * x).sum(axis=1)[:, None] - 2 * (w * x) @ y.T + w @ (y * y).T
+    squared = (w * x * x).sum(axis=1)[:, None] - 2 * product(w * x, y.T) + product(w, (y * y).T)
     # Rounding leaves tiny negative numbers on similar shapes.
     return np.asarray(np.maximum(squared, 0.0))
 
@@ -421,7 +422,7 @@ def _aligned_starts(source: BoundaryShape, target: BoundaryShape) -> list[int]:
     n = 256
     a, b = source.outlines[0], target.outlines[0]
     steps = np.arange(n) / n
-    za, zb = (p @ [1, 1j] for p in (a.point(source.s[0][0] + steps * a.length), b.point(steps * b.length)))
+    za, zb = (p[:, 0] + 1j * p[:, 1] for p in (a.point(source.s[0][0] + steps * a.length), b.point(steps * b.length)))
     # <a, b shifted by k> for all k at once; its modulus is the best fit over all rotations.
     correlation = np.fft.ifft(np.conj(np.fft.fft(za - za.mean())) * np.fft.fft(zb - zb.mean()))
     shifts = np.array([np.argmax(correlation.real), np.argmax(abs(correlation))])
@@ -431,9 +432,9 @@ def _aligned_starts(source: BoundaryShape, target: BoundaryShape) -> list[int]:
 def _rotation(source: BoundaryShape, target: BoundaryShape, match: Match) -> float:
     """Angle (radians) of the best similarity between the matched outer loops."""
     s = np.arange(128) / 128 * source.outlines[0].length
-    a = source.outlines[0].point(s) @ [1, 1j]
-    b = target.outlines[0].point(image_of(match.anchors, s)) @ [1, 1j]
-    return float(np.angle(np.vdot(a - a.mean(), b - b.mean())))
+    places = source.outlines[0].point(s), target.outlines[0].point(image_of(match.anchors, s))
+    a, b = (p[:, 0] + 1j * p[:, 1] for p in places)
+    return float(np.angle(((a - a.mean()).conj() * (b - b.mean())).sum()))
 
 
 def _difference(a: Match, b: Match) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .certificate import Certificate
+from .dense import product, solve, svd
 from .errors import InputError, NotCertifiedError
 from .fitting import SMOOTH
 from .landmarks import SNAP_DISTANCE
@@ -184,18 +185,19 @@ class _Loop:
         bumps = [self._bumps(k, places, radius) for k in range(len(self._curves))]
         matrix = np.stack(
             [
-                collocation_matrix(self._curves[k].knots, self._curves[k].degree, np.array([t]))[0] @ bumps[k]
+                product(collocation_matrix(self._curves[k].knots, self._curves[k].degree, np.array([t])), bumps[k])[0]
                 for k, t in zip(curve, parameter, strict=True)
             ]
         )
-        if np.linalg.cond(matrix) > 1e8:
+        _, sigma, _ = svd(matrix)
+        if sigma[0] > 1e8 * sigma[-1]:
             raise InputError(
                 f"the handles cannot be moved independently with radius {radius:.3g}: handles coincide, or the knots "
                 "are too coarse; take fewer handles, a larger radius, or insert knots"
             )
-        weights = np.linalg.solve(matrix, drag)
+        weights = solve(matrix, drag)
         for index, bump in zip(self._indices, bumps, strict=True):
-            shift = bump @ weights
+            shift = product(bump, weights)
             # Joints belong to two sides, whose bumps agree there.
             points[index[:-1]] += shift[:-1]
 

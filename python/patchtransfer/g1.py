@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from .continuity import ContinuityRows
+from .dense import least_squares, product, svd
 from .errors import InputError
 from .g1_conditions import conditions, evaluated
 from .gluing import ControlRows
@@ -189,8 +190,9 @@ def _best_middle(r: ControlRows, data: FloatArray, reference: FloatArray) -> flo
     """The c_1 with which the identity holds best on the reference (least squares)."""
     t = _nodes(r)
     value, slope = r.basis(t)
-    misfit = r.functional(evaluated(np.array([*data[:5], 0.0, data[6]]), t), value, slope) @ reference[r.columns]
-    part = 2 * (t * (1 - t))[:, None] * (slope @ reference[r.curve])
+    rows = r.functional(evaluated(np.array([*data[:5], 0.0, data[6]]), t), value, slope)
+    misfit = product(rows, reference[r.columns])
+    part = 2 * (t * (1 - t))[:, None] * product(slope, reference[r.curve])
     return float((misfit * part).sum() / (part**2).sum())
 
 
@@ -220,11 +222,11 @@ def _close_twists(
             for column, coefficient in zip(r.columns, row, strict=True):
                 if int(column) in names:
                     block[m, names.index(int(column))] += coefficient
-            rest[m] = row @ reference[r.columns]
+            rest[m] = (row[:, None] * reference[r.columns]).sum(axis=0)
             # c_1 enters c' at the vertex by 2 (c_1 - c_0), or 2 (c_2 - c_1).
             _, slope, _ = r.end_basis[spoke.at_end]
-            change[m] = (2.0 if spoke.at_end else -2.0) * (slope @ reference[r.curve])
-        y = np.linalg.svd(block)[0][:, -1]
+            change[m] = (2.0 if spoke.at_end else -2.0) * (slope[:, None] * reference[r.curve]).sum(axis=0)
+        y = svd(block, full=True)[0][:, -1]
         rhs[2 * k : 2 * k + 2] = -(y @ rest)
         for m, spoke in enumerate(around):
             matrix[2 * k : 2 * k + 2, spoke.interface] += y[m] * change[m]
@@ -232,8 +234,8 @@ def _close_twists(
     weight = np.array([_weight(r, reference) for r in control])
     tolerance = 1e-9 * max(float(np.abs(rhs).max()), float(np.abs(matrix).max()))
     for chosen in (free, near):
-        moved = np.linalg.lstsq(matrix * (chosen / weight), rhs, rcond=1e-12)[0] * (chosen / weight)
-        if np.abs(matrix @ moved - rhs).max() <= tolerance:
+        moved = least_squares(matrix * (chosen / weight), rhs, 1e-12) * (chosen / weight)
+        if np.abs(product(matrix, moved) - rhs).max() <= tolerance:
             data[:, 5] += moved
             return chosen
     raise InputError("exact G1: the twist rows cannot be closed at the regular vertices; use continuity c1")
@@ -244,7 +246,7 @@ def _weight(r: ControlRows, reference: FloatArray) -> float:
     t = _nodes(r)
     left, right, tangent = r.derivatives(reference, *r.basis(t))
     part = 2 * (t * (1 - t))[:, None] * tangent
-    return float(np.linalg.norm(part) / np.hypot(np.linalg.norm(left), np.linalg.norm(right)))
+    return float(np.sqrt((part**2).sum() / ((left**2).sum() + (right**2).sum())))
 
 
 def _twists(r: ControlRows, spoke: Spoke) -> tuple[int, int]:
@@ -303,7 +305,7 @@ def g1_rows(
         raw = np.zeros((len(stated), len(names)))
         # Three points of a patch that meets itself may be one.
         np.add.at(raw.T, place, stated.T)
-        _, sigma, vt = np.linalg.svd(raw, full_matrices=False)
+        _, sigma, vt = svd(raw)
         rank = int((sigma > DEPENDENT * sigma[0]).sum())
         columns += [names] * rank
         entries += list(vt[:rank])

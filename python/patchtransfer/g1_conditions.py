@@ -61,7 +61,8 @@ def evaluated(data: FloatArray, t: FloatArray, order: int = 0) -> FloatArray:
     else:
         one = np.ones_like(t)
         linear, quadratic = np.stack([-one, one]), np.stack([-2 * (1 - t), 2 - 4 * t, 2 * t])
-    return np.stack([data[:2] @ linear, data[2:4] @ linear, data[4:] @ quadratic], axis=1)
+    parts = (data[:2], linear), (data[2:4], linear), (data[4:], quadratic)
+    return np.stack([(part[:, None] * basis).sum(axis=0) for part, basis in parts], axis=1)
 
 
 def discontinuities(knots: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:

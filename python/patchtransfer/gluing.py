@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .dense import product
 from .quality import span_basis
 from .splines import FloatArray, IntArray, collocation_matrix, knot_spans, reverse_knots
 from .topology import Topology
@@ -76,9 +77,9 @@ class ControlRows:
         """D_L, D_R and C' (m, 2), where `value` and `slope` (m, n) hold the basis functions."""
         curve = points[self.curve]
         return (
-            self.left_scale * (value @ (points[self.left] - curve)),
-            self.right_scale * (value @ (points[self.right] - curve)),
-            slope @ curve,
+            self.left_scale * product(value, points[self.left] - curve),
+            self.right_scale * product(value, points[self.right] - curve),
+            product(slope, curve),
         )
 
     def functional(self, gluing: FloatArray, value: FloatArray, slope: FloatArray) -> FloatArray:
@@ -154,7 +155,7 @@ def chord_ratios(topology: Topology, rows: tuple[ControlRows, ...], points: Floa
         left, right = (
             points[np.array(beside)] - curve for beside in ([r.left for r in group], [r.right for r in group])
         )
-        speeds = [np.hypot(*np.moveaxis(value @ d, 2, 0)) for d in (left, right)]
+        speeds = [np.hypot(*np.moveaxis(product(value, d), 2, 0)) for d in (left, right)]
         there = (speeds[0] > 0) & (speeds[1] > 0)
         quotients = np.log(np.divide(speeds[1], speeds[0], out=np.ones_like(speeds[0]), where=there))
         scales = np.log([r.right_scale / r.left_scale for r in group])
@@ -164,6 +165,6 @@ def chord_ratios(topology: Topology, rows: tuple[ControlRows, ...], points: Floa
     for chord in topology.directed_chords:
         index = np.array([i for i, _ in chord])
         sense = np.array([1.0 if forward else -1.0 for _, forward in chord])
-        mean = float(sense @ logs[index]) / max(float(counts[index].sum()), 1.0)
+        mean = float((sense * logs[index]).sum()) / max(float(counts[index].sum()), 1.0)
         ratios[index] = np.exp(sense * mean)
     return ratios

@@ -14,6 +14,7 @@ import numpy as np
 
 from . import _core
 from .boundary_shape import BoundaryShape, cyclic_gap, image_of, turning
+from .dense import solve_definite
 from .splines import FloatArray
 from .thin_plate import Bending
 
@@ -76,7 +77,7 @@ def slide(
         hessian[np.diag_indices(len(hessian))] += DAMPING * np.trace(hessian) / len(hessian)
         hessian[held] = hessian[:, held] = 0.0
         hessian[held, held] = 1.0
-        moves = np.split(-np.linalg.solve(hessian, np.where(held, 0.0, gradient)), ends)
+        moves = np.split(-solve_definite(hessian, np.where(held, 0.0, gradient)), ends)
         for halving in range(HALVINGS + 1 if bending else 1):
             trial = _step(x, [move / 2**halving for move in moves], problem.lengths)
             found = problem.model(trial)

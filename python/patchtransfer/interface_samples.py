@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .areas import numbered
+from .dense import product, svd
 from .multipatch import MultiPatch, Side
 from .quality import span_basis
 from .splines import FloatArray, IntArray, Patch
@@ -191,7 +192,7 @@ def _projected(h: FloatArray) -> FloatArray:
 
 def _curve(h: FloatArray, basis: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """C, C' and C'' of curves with coefficients (k, n, 2), or homogeneous ones (k, n, 3)."""
-    value, slope, curvature = (np.matmul(b, h) for b in basis)
+    value, slope, curvature = (product(b, h) for b in basis)
     if h.shape[-1] == 2:
         return value, slope, curvature
     w = value[..., 2:]
@@ -203,10 +204,10 @@ def _curve(h: FloatArray, basis: tuple[FloatArray, ...]) -> tuple[FloatArray, Fl
 
 def _across(h: FloatArray, e: FloatArray, basis: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray]:
     """Cross derivative D and its derivative along the side, from side `h` and its step `e` inwards."""
-    inward, inward_slope = (np.matmul(b, e) for b in basis[:2])
+    inward, inward_slope = (product(b, e) for b in basis[:2])
     if h.shape[-1] == 2:
         return inward, inward_slope
-    value, slope = (np.matmul(b, h) for b in basis[:2])
+    value, slope = (product(b, h) for b in basis[:2])
     w = value[..., 2:]
     point = value[..., :2] / w
     tangent = (slope[..., :2] - slope[..., 2:] * point) / w
@@ -224,13 +225,12 @@ def _gluing(
     largest[largest == 0] = 1.0
     v = (v / largest[:, None, None])[..., OF_VECTOR]
     flat = (v * samples.weighted[:, None]).reshape(len(v), -1, len(OF_VECTOR))
-    # The triangular factor has the same singular values and right vectors, and is far smaller.
-    _, sigma, vt = np.linalg.svd(np.linalg.qr(flat, mode="r"), full_matrices=False)
+    _, sigma, vt = svd(flat)
     x = _nearest_to_one(sigma, vt)
     dv = (np.stack([slope[:, ENDS] for slope in slopes], axis=3) / largest[:, None, None])[..., OF_VECTOR]
     rows = v[:, ENDS] * samples.ends
     slope_rows = dv * samples.ends + v[:, ENDS] * samples.end_slopes
-    at_ends = [norms((m @ x[:, None, :, None])[..., 0]) for m in (rows, slope_rows)]
+    at_ends = [norms((m * x[:, None, None]).sum(axis=3)) for m in (rows, slope_rows)]
     return sigma[:, -1] / sigma[:, 0], x, np.stack(at_ends, axis=2)
 
 

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 
 from .continuity import ContinuityRows
+from .definite import DefiniteFactor
+from .dense import least_squares, product, svd
 from .errors import InputError
 from .splines import FloatArray, IntArray
 
@@ -63,8 +64,8 @@ class RowSpace:
     redundant: int
 
     @cached_property
-    def _normal(self) -> Any:
-        return splu(csc_array(self.basis.T @ self.basis))
+    def _normal(self) -> DefiniteFactor:
+        return DefiniteFactor(self.basis.T @ self.basis)
 
     def project(self, points: FloatArray) -> FloatArray:
         """The map nearest to `points` (n_points, 2) that satisfies the rows and has the same boundary."""
@@ -73,7 +74,7 @@ class RowSpace:
         moved[self.interior] = start
         if self.basis.shape[1]:
             away = self.basis.T @ (points[self.interior] - start)
-            moved[self.interior] += self.basis @ self._normal.solve(np.ascontiguousarray(away))
+            moved[self.interior] += self.basis @ self._normal.solve(away)
         return moved
 
     def residual(self, points: FloatArray) -> float:
@@ -225,16 +226,17 @@ def _interfaces_solved(rows: ContinuityRows, free: np.ndarray) -> tuple[csr_arra
         block = csr_array(rows.matrix[r])
         used = np.unique(block.indices)
         own, rest = used[owned[used]], used[~owned[used]]
-        u, sigma, _ = np.linalg.svd(block[:, own].toarray())
+        u, sigma, _ = svd(block[:, own].toarray(), full=True)
         strong = int((sigma > STRONG).sum())
-        inside, outside = u.T @ block[:, own].toarray(), u.T @ block[:, rest].toarray()
+        inside, outside = (product(u.T, block[:, c].toarray()) for c in (own, rest))
         solution, null = (x[0] for x in _echelon(inside[None, :strong]))
         columns = np.concatenate([column[rest], width + np.arange(null.shape[1])])
         width += null.shape[1]
         # own = -solution outside + null y, with new unknowns y: some of the points themselves.
-        lifts.append((own, columns, np.hstack([-solution @ outside[:strong], null])))
+        lifts.append((own, columns, np.hstack([product(-solution, outside[:strong]), null])))
         weak = inside[strong:]
-        left = np.hstack([outside[strong:] - weak @ solution @ outside[:strong], weak @ null])
+        reached = product(weak, product(solution, outside[:strong]))
+        left = np.hstack([outside[strong:] - reached, product(weak, null)])
         equations.append((np.arange(len(r) - strong), columns, left))
         others.append(r[strong:])
     offsets = np.cumsum([0, *(len(r) for r, _, _ in equations)])
@@ -281,16 +283,16 @@ def _solve_groups(
         redundant += r.size - sigma.size
         # On orthonormal rows: weak ones would lose their digits.
         solution, null = _echelon(vt)
-        solutions.append((c, r, -solution @ (np.swapaxes(u, 1, 2) / sigma[:, :, None])))
+        solutions.append((c, r, product(-solution, np.swapaxes(u, 1, 2) / sigma[:, :, None])))
         nulls.append((c, width + np.arange(null[:, 0].size).reshape(null.shape[0], null.shape[2]), null))
         width += nulls[-1][1].size
 
     for r, c, dense in _tied(matrix):
-        u, sigma, vt = np.linalg.svd(dense, full_matrices=False)
+        u, sigma, vt = svd(dense)
         large = sigma > RANK_TOLERANCE
         # No y reaches what the fixed points leave outside of the range.
         inside = u * large[:, None, :]
-        missed = at_fixed[r] - inside @ (np.swapaxes(inside, 1, 2) @ at_fixed[r])
+        missed = at_fixed[r] - product(inside, product(np.swapaxes(inside, 1, 2), at_fixed[r]))
         fine = np.abs(missed).max(axis=(1, 2)) <= tolerance
         rank = large.sum(axis=1)
         for value in np.unique(rank[fine]):
@@ -299,7 +301,7 @@ def _solve_groups(
         for i in np.flatnonzero(~fine):
             kept = _consistent(dense[i], at_fixed[r[i]], tolerance, order[r[i]])
             dropped += r[i, ~kept].tolist()
-            u_i, sigma_i, vt_i = np.linalg.svd(dense[i, kept], full_matrices=False)
+            u_i, sigma_i, vt_i = svd(dense[i, kept])
             rest = int((sigma_i > RANK_TOLERANCE).sum())
             solve(r[i, kept][None], c[i][None], u_i[None, :, :rest], sigma_i[None, :rest], vt_i[None, :rest])
     identity = csr_array((np.ones(alone.sum()), (np.flatnonzero(alone), np.arange(alone.sum()))), shape=(n, width))
@@ -314,7 +316,7 @@ def _echelon(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     ones, because the other entries are their coordinates.
     """
     stack, k, n = matrix.shape
-    # Gauss-Jordan with complete pivoting: LAPACK's pivoted QR costs more in threads than these small matrices do.
+    # Gauss-Jordan with complete pivoting, all matrices of the stack at once.
     work = np.concatenate([matrix, np.broadcast_to(np.eye(k), (stack, k, k))], axis=2)
     pivots, waiting, each = np.full((stack, k), -1), np.ones((stack, k, 1)), np.arange(stack)
     for _ in range(k):
@@ -369,8 +371,8 @@ def _consistent(dense: FloatArray, fixed: FloatArray, tolerance: float, order: I
     """Which rows `dense` y = -`fixed` to keep so that they can hold together; the first in `order` stay."""
 
     def violation(chosen: np.ndarray) -> float:
-        y = np.linalg.lstsq(dense[chosen], -fixed[chosen], rcond=RANK_TOLERANCE)[0]
-        return float(np.abs(dense[chosen] @ y + fixed[chosen]).max(initial=0.0))
+        y = least_squares(dense[chosen], -fixed[chosen], RANK_TOLERANCE)
+        return float(np.abs(product(dense[chosen], y) + fixed[chosen]).max(initial=0.0))
 
     kept = np.ones(len(dense), bool)
     if not fixed.any() or violation(kept) <= tolerance:

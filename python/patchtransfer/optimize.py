@@ -287,7 +287,7 @@ def _continue_boundary(
     """
     a, b = source[boundary], target[boundary]
     za, zb = (x[:, 0] + 1j * x[:, 1] for x in (a - a.mean(axis=0), b - b.mean(axis=0)))
-    w = np.vdot(za, zb) / np.vdot(za, za)
+    w = (za.conj() * zb).sum() / (abs(za) ** 2).sum()
     z = (source[:, 0] - a[:, 0].mean() + 1j * (source[:, 1] - a[:, 1].mean())) * w
     points = project(np.column_stack([z.real, z.imag]) + b.mean(axis=0))
     begin, at, step = points[boundary].copy(), 0.0, 0.25

@@ -18,6 +18,7 @@ from scipy.sparse import csc_array, csr_array, eye_array
 
 from .background_mesh import TriangleMesh, source_mesh, target_mesh
 from .bounded_distortion import remove_foldovers
+from .dense import svd
 from .distortion_descent import minimise_distortion
 from .errors import InputError
 from .harmonic import mesh_harmonic_map
@@ -230,7 +231,7 @@ def _without_flat_faces(
         corner = mesh.triangles[face]
         motion = np.hstack([rows[corner].toarray(), start[corner]])
         # Always on a line when the edges depend on the unknowns, and on the start, by one ratio.
-        sigma = np.linalg.svd(motion[1:] - motion[0], compute_uv=False)
+        _, sigma, _ = svd(motion[1:] - motion[0])
         keep[face] = sigma[1] > 1e-12 * sigma[0]
     return TriangleMesh(mesh.points, mesh.triangles[keep], mesh.loops), int((~keep).sum())
 

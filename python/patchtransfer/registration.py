@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from .boundary_shape import BoundaryShape, cyclic_gap, image_of
 from .corner_anchors import close_turn, corners_between, missed_corners, snap_corners
 from .correspondence import HOPE, HOPELESS, Match, WholeMatch, match_outer, rank_with_holes, smooth
+from .dense import svd
 from .errors import InfeasibleTargetError, InputError
 from .landmarks import landmark_anchors, pair_by_landmarks, place_landmarks, read_landmark_rows
 from .multipatch import Boundary
@@ -336,7 +337,7 @@ def _check_loops(outlines: Sequence[Outline]) -> None:
 
 def _on_a_line(outline: Outline) -> bool:
     points = outline.polygon(64)
-    return bool(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] <= SHORTEST * outline.length)
+    return bool(svd(points - points.mean(axis=0))[1][1] <= SHORTEST * outline.length)
 
 
 def _place_marked(loop: LoopRegistration) -> FloatArray:

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csc_array, csr_array, diags_array, eye_array
-from scipy.sparse.linalg import splu
 
 from . import _core
 from .background_mesh import TriangleMesh
+from .definite import DefiniteFactor
 from .errors import InputError
 from .harmonic import mesh_harmonic_map
 from .splines import FloatArray
@@ -227,7 +227,7 @@ class _Descent:
         """The energy in the module's docstring."""
 
         def square(mass: FloatArray, difference: FloatArray) -> float:
-            return float(mass @ (difference**2).sum(axis=1))
+            return float((mass * (difference**2).sum(axis=1)).sum())
 
         dirichlet = sum(
             0.5 * float(np.sum(x * (laplacian @ x)))
@@ -291,13 +291,9 @@ def _solve(matrix: Any, right: FloatArray) -> FloatArray:
     if matrix.shape[0] == 0:
         return np.zeros_like(right)
     try:
-        # Symmetric positive definite: a symmetric ordering and no pivoting.
-        factor = splu(
-            csc_array(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        return DefiniteFactor(matrix).solve(right)
     except RuntimeError as error:
         raise InputError(f"reversible map: the solve is singular ({error}); give boundary points or weights") from None
-    return np.asarray(factor.solve(right))
 
 
 def _vertex_areas(mesh: TriangleMesh) -> FloatArray:

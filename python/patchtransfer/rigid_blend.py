@@ -8,11 +8,11 @@ follow in the least-squares sense. Here from both ends, so that the blend is the
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order
-from scipy.sparse.linalg import splu
 
 from .background_mesh import TriangleMesh
+from .definite import DefiniteFactor
 from .splines import FloatArray, IntArray
 
 __all__ = ["RigidBlend", "Similarity"]
@@ -29,8 +29,8 @@ class Similarity:
     def __init__(self, a: FloatArray, b: FloatArray) -> None:
         self._from, self._to = a.mean(axis=0), b.mean(axis=0)
         za, zb = _complex(a - self._from), _complex(b - self._to)
-        self.scale = float(np.linalg.norm(zb) / np.linalg.norm(za))
-        self.angle = float(np.angle(np.vdot(za, zb)))
+        self.scale = float(np.sqrt((abs(zb) ** 2).sum() / (abs(za) ** 2).sum()))
+        self.angle = float(np.angle((za.conj() * zb).sum()))
 
     def apply(self, points: FloatArray, t: float) -> FloatArray:
         """The similarity taken to the fraction t (0: nothing, 1: all of it)."""
@@ -70,7 +70,7 @@ class RigidBlend:
         self._angles = _continued(np.angle(rotation), mesh.triangles, self._areas)
         self._stretches = _turned(-self._angles) @ jacobian
         # One vertex is held; a shift does not matter.
-        self._factor = splu(csc_array(mesh.laplacian()[1:][:, 1:]))
+        self._factor = DefiniteFactor(mesh.laplacian()[1:][:, 1:])
 
     def at(self, t: float) -> FloatArray:
         """Positions (n, 2) at the fraction t; those given at 0 and 1."""
@@ -97,7 +97,7 @@ def _continued(angles: FloatArray, triangles: IntArray, areas: FloatArray) -> Fl
     out = angles.copy()
     for f in found[1:].tolist():
         out[f] += 2 * np.pi * np.round((out[before[f]] - out[f]) / (2 * np.pi))
-    mean = float(areas @ out / areas.sum())
+    mean = float((areas * out).sum() / areas.sum())
     return np.asarray(out - 2 * np.pi * np.round(mean / (2 * np.pi)))
 
 

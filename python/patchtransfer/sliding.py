@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .dense import eigen, product
 from .fitting import FittedBoundary
 from .optimize import AREA_WEIGHT, OptimizedMap, SplineOptimizer
 from .registration import LoopRegistration, Registration
@@ -172,23 +173,24 @@ def _model(
     modes = _modes(movable)
     _, gradient = optimizer.gradient(points)
     step = DIFFERENCE * sum(loop.target.length for loop in current.registration.loops)
-    fields = []
+    fields, moved = [], []
     for k, weights in modes:
         field = np.zeros_like(points)
         index, hats, tangent, _ = loops[k]
-        field[index] = (hats @ weights)[:, None] * tangent
+        moved.append(product(hats, weights))
+        field[index] = moved[-1][:, None] * tangent
         fields.append(optimizer.harmonic(field))
     slope = np.array([(gradient * field).sum() for field in fields])
     change = [(optimizer.gradient(points + step * field)[1] - gradient) / step for field in fields]
     hessian = np.array([[(c * field).sum() for field in fields] for c in change])
     hessian = (hessian + hessian.T) / 2
     # Along a curved boundary a point also moves towards the centre of curvature, to second order.
-    for i, (k, a) in enumerate(modes):
-        for j, (other, b) in enumerate(modes):
+    for i, (k, _) in enumerate(modes):
+        for j, (other, _) in enumerate(modes):
             if k == other:
-                index, hats, _, curvature = loops[k]
-                hessian[i, j] += ((hats @ a) * (hats @ b) * (gradient[index] * curvature).sum(axis=1)).sum()
-    values, vectors = np.linalg.eigh(hessian)
+                index, _, _, curvature = loops[k]
+                hessian[i, j] += (moved[i] * moved[j] * (gradient[index] * curvature).sum(axis=1)).sum()
+    values, vectors = eigen(hessian)
     values = abs(values) + 1e-9 * abs(values).max(initial=1e-300)
     longest = [
         LONGEST_STEP * np.minimum(gap, np.roll(gap, 1))
@@ -196,7 +198,7 @@ def _model(
     ]
 
     def shifts(damping: float) -> list[FloatArray]:
-        coefficients = -vectors @ ((vectors.T @ slope) / (values + damping * values.mean()))
+        coefficients = -product(vectors, product(vectors.T, slope) / (values + damping * values.mean()))
         shift = [np.zeros(len(mask)) for mask in movable]
         for (k, weights), c in zip(modes, coefficients, strict=True):
             shift[k] += c * weights

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, NdBSpline
 
-from . import _core
+from . import _core, dense
 from .errors import InputError
 
 __all__ = [
@@ -139,8 +139,8 @@ def elevate(
     # A mean of equal end knots may round out of the domain.
     at = np.clip(greville(fine, degree_up), knots[0], knots[-1])
     flat = coefficients.reshape(len(coefficients), -1)
-    values = collocation_matrix(knots, degree, at) @ flat
-    raised = np.linalg.solve(collocation_matrix(fine, degree_up, at), values)
+    values = dense.product(collocation_matrix(knots, degree, at), flat)
+    raised = dense.solve(collocation_matrix(fine, degree_up, at), values)
     raised[0], raised[-1] = flat[0], flat[-1]
     return fine, degree_up, np.asarray(raised.reshape(-1, *coefficients.shape[1:]), dtype=np.float64)
 
@@ -397,9 +397,10 @@ class Patch:
         (p, q), (knots_u, knots_v) = self.degrees, self.knots
 
         def tensor(coefficients: FloatArray, a: int, b: int) -> FloatArray:
-            along_u = np.tensordot(collocation_matrix(knots_u, p, np.atleast_1d(u), a), coefficients, (1, 0))
+            flat = coefficients.reshape(len(coefficients), -1)
+            along_u = dense.product(collocation_matrix(knots_u, p, np.atleast_1d(u), a), flat)
             along_v = collocation_matrix(knots_v, q, np.atleast_1d(v), b)
-            return np.asarray(np.einsum("bj,ajk->abk", along_v, along_u))
+            return dense.product(along_v, along_u.reshape(-1, *coefficients.shape[1:]))
 
         if self.weights is None:
             return tensor(self.control_points, du, dv)

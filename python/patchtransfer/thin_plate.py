@@ -13,7 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from . import _core
 from .boundary_shape import BoundaryShape
+from .dense import product, svd
 from .splines import FloatArray
 
 __all__ = ["Bending", "bending_matrix"]
@@ -38,18 +40,7 @@ def bending_matrix(points: FloatArray, slack: float = SLACK) -> FloatArray:
     (n, n) array
         Positive semidefinite; zero exactly on affine functions of the points.
     """
-    n = len(points)
-    p = points - points.mean(axis=0)
-    p = p / np.sqrt((p**2).sum(axis=1).mean())
-    squared = ((p[:, None] - p) ** 2).sum(axis=2)
-    system = np.zeros((n + 3, n + 3))
-    # Green's function of the biharmonic operator, r² log r / 8π.
-    system[:n, :n] = squared * np.log(np.where(squared > 0, squared, 1.0)) / (16 * np.pi)
-    system[np.diag_indices(n)] += slack
-    system[:n, n] = system[n, :n] = 1.0
-    system[:n, n + 1 :], system[n + 1 :, :n] = p, p.T
-    inverse = np.linalg.inv(system)[:n, :n]
-    return np.asarray((inverse + inverse.T) / 2)
+    return _core.bending_matrix(points, slack)
 
 
 class Bending:
@@ -64,7 +55,10 @@ class Bending:
 
     def __init__(self, source: BoundaryShape, target: BoundaryShape, partners: Sequence[int]) -> None:
         loops = range(len(partners))
-        self.matrix = bending_matrix(np.concatenate([source.outlines[k].point(source.s[k]) for k in loops]))
+        points = np.concatenate([source.outlines[k].point(source.s[k]) for k in loops])
+        self.matrix = bending_matrix(points)
+        u, sigma, _ = svd(np.column_stack([np.full(len(points), np.ptp(points)), points - points.mean(axis=0)]))
+        self._affine = u[:, sigma > 1e-9 * sigma[0]]
         self.outlines = [target.outlines[t] for t in partners]
         outer = self.outlines[0].point(target.s[partners[0]])
         self.size = float(np.sqrt(((outer - outer.mean(axis=0)) ** 2).sum(axis=1).mean()))
@@ -72,9 +66,7 @@ class Bending:
     def add(self, x: Sequence[FloatArray], weight: float, gradient: FloatArray, hessian: FloatArray) -> float:
         """Energy times `weight` at arc lengths `x`; adds to gradient and Gauss–Newton matrix."""
         at = np.concatenate([outline.evaluate(y) for outline, y in zip(self.outlines, x, strict=True)])
-        # The energy is blind to translations; small numbers round less.
         points, tangents = (at[:, :2] - at[:, :2].mean(axis=0)) / self.size, at[:, 2:] / self.size
-        force = self.matrix @ points
-        gradient += 2 * weight * (tangents * force).sum(axis=1)
-        hessian += 2 * weight * self.matrix * (tangents @ tangents.T)
-        return weight * float((points * force).sum())
+        # The energy is blind to affine maps; small numbers round less.
+        points -= product(self._affine, product(self._affine.T, points))
+        return _core.add_bending(self.matrix, points, tangents, weight, gradient, hessian)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_array, csc_array, csr_array
 
+from ..definite import upper_triangle
 from ..errors import InputError
 from ..multipatch import MultiPatch
 from ..splines import FloatArray
@@ -27,7 +28,7 @@ from .nodes import (
 from .norms import ErrorNorms, VectorFunction, error_norms
 from .poisson import sine, sine_gradient
 from .space import Field, SplineSpace
-from .system import Assembler, DefiniteSystem, upper_triangle
+from .system import Assembler, DefiniteSystem
 
 __all__ = ["BiharmonicResult", "biharmonic", "sine_hessian"]
 

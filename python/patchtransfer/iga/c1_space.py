@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array, csr_array, hstack
 from scipy.sparse.csgraph import connected_components
 
+from ..dense import product, svd
 from ..errors import InputError
 from ..multipatch import MultiPatch
 from ..splines import FloatArray, IntArray
@@ -141,7 +142,7 @@ class C1Space:
         """Singular value decomposition (full) and the rank."""
         if 0 in a.shape:
             return np.eye(a.shape[0]), np.zeros(0), np.eye(a.shape[1]), 0
-        u, sigma, vt = np.linalg.svd(a)
+        u, sigma, vt = svd(a, full=True)
         # The rows are orthonormal or projected from such: their natural size is one.
         positive = sigma > RANK
         low, high = self.rank_gap
@@ -157,7 +158,7 @@ class C1Space:
         """Orthonormal rows with the same null space, on the columns that occur."""
         columns = np.unique(rows.indices)
         dense = rows[:, columns].toarray()
-        _, sigma, vt = np.linalg.svd(dense, full_matrices=False)
+        _, sigma, vt = svd(dense)
         relative = sigma / sigma[0]
         positive = relative > RANK
         low, high = self.rank_gap
@@ -168,17 +169,17 @@ class C1Space:
         at_end = vertex[columns] >= 0
         own, ends = columns[~at_end], columns[at_end]
         u, sigma, vt, rank = self._split(rows[:, ~at_end])
-        follow = -(vt[:rank].T / sigma[:rank]) @ (u[:, :rank].T @ rows[:, at_end])
-        conditions = self._localised(u[:, rank:].T @ rows[:, at_end], vertex[ends])
+        follow = product(-(vt[:rank].T / sigma[:rank]), product(u[:, :rank].T, rows[:, at_end]))
+        conditions = self._localised(product(u[:, rank:].T, rows[:, at_end]), vertex[ends])
         return _Edge(own, ends, vt[rank:].T, follow, conditions)
 
     def _localised(self, conditions: FloatArray, vertex: IntArray) -> FloatArray:
         """The same conditions, each on one vertex only where that is possible."""
         u, _, _, rank = self._split(conditions)
-        independent = u[:, :rank].T @ conditions
+        independent = product(u[:, :rank].T, conditions)
         parts = []
         for end in np.unique(vertex):
-            alone = self._null(independent[:, vertex != end].T).T @ independent
+            alone = product(self._null(independent[:, vertex != end].T).T, independent)
             alone[:, vertex != end] = 0.0
             parts.append(alone)
         local = np.concatenate(parts) if parts else independent
@@ -205,7 +206,7 @@ class C1Space:
                 free[~on_boundary] = null
             whole = self._null(conditions)
             # What is left of the null space across the fields that vanish on the boundary.
-            rest = whole @ self._null(free.T @ whole)
+            rest = product(whole, self._null(product(free.T, whole)))
             for into, fields in ((inside, free), (boundary, rest)):
                 if fields.shape[1]:
                     into.add(*self._followed(numbers, fields))
@@ -240,7 +241,7 @@ class C1Space:
             if known and len(edge.own):
                 at = [position[int(edge.ends[i])] for i in known]
                 all_numbers.append(edge.own)
-                all_fields.append(edge.follow[:, known] @ fields[at])
+                all_fields.append(product(edge.follow[:, known], fields[at]))
         return np.concatenate(all_numbers), np.concatenate(all_fields)
 
 

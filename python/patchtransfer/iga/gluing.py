@@ -17,6 +17,7 @@ from math import factorial
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
+from ..dense import product, svd
 from ..errors import InputError
 from ..g1_conditions import discontinuities
 from ..multipatch import Interface, MultiPatch, Side
@@ -99,7 +100,8 @@ class Gluing:
     def __call__(self, s: FloatArray) -> FloatArray:
         """α, β, γ at s, shape (3, len(s))."""
         x, linear = self.coefficients, np.stack([1 - s, s])
-        return np.stack([x[:2] @ linear, x[2:4] @ linear, x[4:] @ _quadratic(s)])
+        parts = (x[:2], linear), (x[2:4], linear), (x[4:], _quadratic(s))
+        return np.stack([(part[:, None] * basis).sum(axis=0) for part, basis in parts])
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ class _Geometry:
         a, b = self.rows
         # Both sides' points are taken in the sense of the first.
         first, second = (r.step * (x - self.side) for r, x in zip((a, b), self.inner, strict=True))
-        return a.table(s) @ first, _aligned(b, s) @ second, a.table(s, 1) @ self.side
+        return product(a.table(s), first), product(_aligned(b, s), second), product(a.table(s, 1), self.side)
 
 
 def _aligned(row: _Row, s: FloatArray) -> FloatArray:
@@ -163,7 +165,7 @@ def gluing_of(mp: MultiPatch, f: Interface) -> Gluing:
         for v, scale, b in zip(vectors, scales, (linear, linear, quadratic), strict=True)
     ]
     system = np.concatenate(parts, axis=2)
-    _, sigma, vt = np.linalg.svd((system * np.sqrt(w)[:, None, None]).reshape(-1, 7), full_matrices=False)
+    _, sigma, vt = svd((system * np.sqrt(w)[:, None, None]).reshape(-1, 7))
     residual = float(sigma[-1] / sigma[0])
     if residual <= ANALYSIS_SUITABLE:
         # Of several (C¹ interfaces have more than one) the nearest to α = β = 1.
@@ -172,7 +174,7 @@ def gluing_of(mp: MultiPatch, f: Interface) -> Gluing:
     else:
         x = _between_frames(geometry, scales)
         # The middle coefficient of γ by least squares.
-        known = system @ x
+        known = (system * x).sum(axis=2)
         x[5] -= (system[..., 5] * known * w[:, None]).sum() / (system[..., 5] ** 2 * w[:, None]).sum()
     if not x[:4].min() > 0:
         raise InputError(

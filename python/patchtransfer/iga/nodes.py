@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..dense import product
 from ..errors import InputError
 from ..multipatch import MultiPatch, Side
 from ..splines import FloatArray, Patch
@@ -121,11 +122,11 @@ class PatchNodes:
 
     def value(self, coefficients: FloatArray, du: int = 0, dv: int = 0) -> FloatArray:
         """Parametric derivative of a field with coefficients (n_u, n_v) at the nodes."""
-        return np.asarray(self.field[0][du] @ coefficients @ self.field[1][dv].T)
+        return product(product(self.field[0][du], coefficients), self.field[1][dv].T)
 
     def tested(self, values: FloatArray, du: int = 0, dv: int = 0) -> FloatArray:
         """Sum of values (m_u, m_v) times every basis function's derivative, shape (n_u, n_v)."""
-        return np.asarray(self.field[0][du].T @ values @ self.field[1][dv])
+        return product(product(self.field[0][du].T, values), self.field[1][dv])
 
     def evaluate(self, patch: Patch, du: int = 0, dv: int = 0) -> FloatArray:
         """Homogeneous coordinates (2 or 3, m_u, m_v) of the geometry's derivative."""
@@ -133,9 +134,7 @@ class PatchNodes:
         if patch.weights is not None:
             w = patch.weights[..., None]
             c = np.concatenate([c * w, w], axis=2)
-        # Contiguous, or the products bypass BLAS.
-        c = np.ascontiguousarray(np.moveaxis(c, 2, 0))
-        return np.asarray(self.geometry[0][du] @ c @ self.geometry[1][dv].T)
+        return product(product(self.geometry[0][du], np.moveaxis(c, 2, 0)), self.geometry[1][dv].T)
 
 
 class GeometryAt:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..dense import product
 from ..errors import InputError
 from ..multipatch import Interface, MultiPatch, Side
 from ..splines import FloatArray, IntArray, collocation_matrix, knot_spans
@@ -266,4 +267,4 @@ class Field:
     def grid(self, k: int, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> FloatArray:
         """Parametric derivative of order (du, dv) on the grid `u` x `v` of patch k, shape (len(u), len(v))."""
         along, across = self.space.bases[k]
-        return np.asarray(along.table(u, du) @ self.patch(k) @ across.table(v, dv).T)
+        return product(product(along.table(u, du), self.patch(k)), across.table(v, dv).T)

@@ -9,12 +9,14 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array
 
 from .. import _core
+from ..definite import upper_triangle
+from ..dense import product
 from ..errors import InputError
 from ..splines import FloatArray, IntArray
 from .nodes import PatchNodes, ScalarFunction, SideNodes, sampled
 from .space import SplineSpace
 
-__all__ = ["Assembler", "DefiniteSystem", "boundary_fit", "symmetric", "upper_triangle"]
+__all__ = ["Assembler", "DefiniteSystem", "boundary_fit", "symmetric"]
 
 
 class Assembler:
@@ -143,13 +145,13 @@ def boundary_fit(space: SplineSpace, sides: list[SideNodes], g: ScalarFunction) 
     for s in sides:
         basis = s.nodes.field[s.side.axis][0]
         along = number[s.side.of(space.points[s.patch])]
-        mass = basis.T @ (s.ds[:, None] * basis)
+        mass = product(basis.T, s.ds[:, None] * basis)
         i, j = np.meshgrid(along, along, indexing="ij")
         rows.append(i.ravel())
         columns.append(j.ravel())
         entries.append(mass.ravel())
         values = sampled(g, s.x, "Dirichlet data", s.name)
-        np.add.at(load, along, basis.T @ (s.ds * values))
+        np.add.at(load, along, product(basis.T, s.ds * values))
     shape = (len(load), len(load))
     all_of = (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns)))
     upper = upper_triangle(csc_array(coo_array(all_of, shape=shape)))
@@ -158,13 +160,4 @@ def boundary_fit(space: SplineSpace, sides: list[SideNodes], g: ScalarFunction) 
     )
     out = np.zeros(space.size)
     out[space.boundary] = x
-    return out
-
-
-def upper_triangle(matrix: csc_array) -> csc_array:
-    """Upper triangle with sorted rows and without entries that are zero."""
-    c = matrix.tocoo()
-    keep = (c.row <= c.col) & ((c.data != 0) | (c.row == c.col))
-    out = csc_array(coo_array((c.data[keep], (c.row[keep], c.col[keep])), shape=matrix.shape))
-    out.sort_indices()
     return out

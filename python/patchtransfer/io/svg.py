@@ -126,7 +126,7 @@ def _arc(arc: Any) -> Segment:
 
 def _place(points: FloatArray, matrix: FloatArray) -> FloatArray:
     with np.errstate(over="ignore", invalid="ignore"):
-        moved = points @ matrix[:2, :2].T + matrix[:2, 2]
+        moved = points[:, :1] * matrix[:2, 0] + points[:, 1:] * matrix[:2, 1] + matrix[:2, 2]
     # Not -y, which would write zeros as -0.0.
     return np.column_stack([moved[:, 0], 0.0 - moved[:, 1]])
 

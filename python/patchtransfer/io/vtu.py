@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..dense import least_squares, product
 from ..errors import InputError
 from ..multipatch import MultiPatch
 from ..quality import sample
@@ -111,7 +112,9 @@ def bezier_pieces(patch: Patch, coefficients: FloatArray) -> FloatArray:
     w = np.ones(patch.shape) if patch.weights is None else patch.weights
     h = np.concatenate([coefficients * w[..., None], w[..., None]], axis=2)
     along_u, along_v = (_extraction(k.tobytes(), p) for k, p in zip(patch.knots, patch.degrees, strict=True))
-    return np.asarray(np.einsum("mai,nbj,ijd->mnabd", along_u, along_v, h, optimize=True))
+    (m, a, n_u), (n, b, n_v) = along_u.shape, along_v.shape
+    rows = product(along_u.reshape(-1, n_u), h.reshape(n_u, -1)).reshape(m * a, n_v, -1)
+    return product(along_v.reshape(-1, n_v), rows).reshape(m, a, n, b, -1).transpose(0, 2, 1, 3, 4)
 
 
 @lru_cache(maxsize=64)
@@ -159,7 +162,7 @@ def _as_coefficients(samples: FloatArray, patch: Patch, weights: FloatArray) -> 
     t = np.linspace(0, 1, samples.shape[2])
     along_u, along_v = (_bernstein(degree, t) for degree in patch.degrees)
     denominator = np.einsum("ai,bj,mnij->mnab", along_u, along_v, weights)
-    inverse_u, inverse_v = np.linalg.pinv(along_u), np.linalg.pinv(along_v)
+    inverse_u, inverse_v = (least_squares(x, np.eye(len(t)), 1e-15) for x in (along_u, along_v))
     return np.asarray(np.einsum("ia,jb,mnab->mnij", inverse_u, inverse_v, samples * denominator) / weights)
 
 

@@ -4,6 +4,7 @@
 //! perpendicular, and residuals along the tangent are damped, not penalised (Gauss–Newton on the orthogonal distance).
 //! The first and the last leg of the control polygon may be held on a line through the end point.
 
+use crate::dense::Definite;
 use crate::outline::{Outline, Scratch};
 use crate::sampled_basis::SampledBasis;
 
@@ -338,16 +339,16 @@ impl Side {
         if size < 4 {
             return ([[0.0; 2]; 2], [0.0; 2]);
         }
-        let (mut a, b) = self.local();
-        cholesky(&mut a, size);
+        let (a, b) = self.local();
+        let system = Definite::new(&a, size);
         let across = [self.leg_at(0) + 1, self.leg_at(1) + 1];
         let mut free = b;
-        cholesky_solve(&a, &mut free);
+        system.solve(&mut free);
         let mut compliance = [[1.0, 0.0], [0.0, 1.0]];
         for e in (0..2).filter(|&e| self.lines[e].is_some()) {
             let mut unit = vec![0.0; size];
             unit[across[e]] = 1.0;
-            cholesky_solve(&a, &mut unit);
+            system.solve(&mut unit);
             for f in (0..2).filter(|&f| self.lines[f].is_some()) {
                 compliance[f][e] = unit[across[f]];
             }
@@ -384,34 +385,8 @@ fn constrained(a: &[f64], b: &[f64], fixed: &[Option<f64>]) -> Vec<f64> {
         matrix[j * n + j] = 1.0;
     }
     (0..n).for_each(|j| x[j] = fixed[j].unwrap_or(x[j]));
-    cholesky(&mut matrix, n);
-    cholesky_solve(&matrix, &mut x);
+    Definite::new(&matrix, n).solve(&mut x);
     x
-}
-
-/// Lower Cholesky factor of a small dense matrix, in place; pivots lost to rounding are lifted.
-fn cholesky(a: &mut [f64], n: usize) {
-    let floor = 1e-14 * (0..n).map(|i| a[i * n + i]).fold(0.0, f64::max);
-    for j in 0..n {
-        for i in j..n {
-            let dot: f64 = (0..j).map(|k| a[i * n + k] * a[j * n + k]).sum();
-            let value = a[i * n + j] - dot;
-            a[i * n + j] = if i == j { value.max(floor).sqrt() } else { value / a[j * n + j] };
-        }
-    }
-}
-
-/// Solve with the factor of [`cholesky`], in place.
-fn cholesky_solve(l: &[f64], x: &mut [f64]) {
-    let n = x.len();
-    for i in 0..n {
-        let dot: f64 = (0..i).map(|k| l[i * n + k] * x[k]).sum();
-        x[i] = (x[i] - dot) / l[i * n + i];
-    }
-    for i in (0..n).rev() {
-        let dot: f64 = (i + 1..n).map(|k| l[k * n + i] * x[k]).sum();
-        x[i] = (x[i] - dot) / l[i * n + i];
-    }
 }
 
 #[cfg(test)]

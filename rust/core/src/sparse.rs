@@ -1,4 +1,4 @@
-//! Sparse symmetric positive definite systems: the only home of `faer` and `nalgebra-sparse`.
+//! Sparse symmetric positive definite systems: the only home of `nalgebra-sparse`, and with `dense` of `faer`.
 //!
 //! Matrices are `nalgebra_sparse::CscMatrix` holding the **upper** triangle. The symbolic factorization depends on
 //! the pattern alone and is computed once; numeric factorizations and solves reuse its buffers.

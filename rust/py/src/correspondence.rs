@@ -1,11 +1,14 @@
-//! Bindings of `patchtransfer_core::matching` and `patchtransfer_core::inner_distance`.
+//! Bindings of `patchtransfer_core::{matching, inner_distance, thin_plate}`.
 
 use crate::convert::points2;
 use crate::threads;
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
-use patchtransfer_core::inner_distance;
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1,
+    PyReadwriteArray2, PyUntypedArrayMethods,
+};
 use patchtransfer_core::matching::Problem;
+use patchtransfer_core::{inner_distance, thin_plate};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -67,6 +70,39 @@ fn compare_distances<'py>(
         threads::run(py, || inner_distance::compare_distances(distances, nodes, &positions, wanted, weight))?;
     let hessian = Array2::from_shape_vec((n, n), model.hessian).expect("sizes agree");
     Ok((model.energy, model.gradient.into_pyarray(py), hessian.into_pyarray(py)))
+}
+
+/// Matrix (n, n) of the bending energy of the thin plate over points.
+#[pyfunction]
+fn bending_matrix<'py>(
+    py: Python<'py>,
+    points: PyReadonlyArray2<'py, f64>,
+    slack: f64,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let points = points2(&points)?;
+    let n = points.len();
+    let flat = py.detach(|| thin_plate::bending_matrix(&points, slack));
+    Ok(Array2::from_shape_vec((n, n), flat).expect("sizes agree").into_pyarray(py))
+}
+
+/// Bending energy times `weight` of points on their way along tangents; adds to gradient (n,) and matrix (n, n).
+#[pyfunction]
+fn add_bending(
+    py: Python<'_>,
+    matrix: PyReadonlyArray2<'_, f64>,
+    points: PyReadonlyArray2<'_, f64>,
+    tangents: PyReadonlyArray2<'_, f64>,
+    weight: f64,
+    mut gradient: PyReadwriteArray1<'_, f64>,
+    mut hessian: PyReadwriteArray2<'_, f64>,
+) -> PyResult<f64> {
+    let (points, tangents) = (points2(&points)?, points2(&tangents)?);
+    let n = points.len();
+    if tangents.len() != n || gradient.len() != n || [matrix.shape(), hessian.shape()] != [[n, n]; 2] {
+        return Err(PyValueError::new_err("points, tangents, gradient and matrices do not fit"));
+    }
+    let (matrix, gradient, hessian) = (matrix.as_slice()?, gradient.as_slice_mut()?, hessian.as_slice_mut()?);
+    Ok(py.detach(|| thin_plate::add_bending(matrix, &points, &tangents, weight, gradient, hessian)))
 }
 
 /// Two closed sequences and the costs of matching them; see `patchtransfer_core::matching`.
@@ -163,5 +199,7 @@ impl Matching {
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<Matching>()?;
     m.add_function(wrap_pyfunction!(compare_distances, m)?)?;
+    m.add_function(wrap_pyfunction!(bending_matrix, m)?)?;
+    m.add_function(wrap_pyfunction!(add_bending, m)?)?;
     m.add_function(wrap_pyfunction!(inner_distances, m)?)
 }

@@ -6,6 +6,7 @@ mod boundary_fit;
 mod certificate;
 mod convert;
 mod correspondence;
+mod dense;
 mod galerkin;
 mod mesh;
 mod mesh_map;
@@ -29,5 +30,6 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     quality::register(m)?;
     spline::register(m)?;
     correspondence::register(m)?;
+    dense::register(m)?;
     Ok(())
 }
