@@ -78,7 +78,7 @@ def straighten(points: FloatArray, triangles: Triangles) -> tuple[FloatArray, fl
 
 
 def _mend(found: FloatArray, row: Sequence[int], sense: int, given: FloatArray, limit: float) -> bool:
-    """Move one coordinate of a neighbour until the triangle is not negative; False if it is not, or by too much."""
+    """Move a neighbour until the triangle is not negative; False if it is not, or by too much."""
     c, a, b = (int(i) for i in row)
 
     def area() -> Fraction:
@@ -88,20 +88,24 @@ def _mend(found: FloatArray, row: Sequence[int], sense: int, given: FloatArray, 
     missing = -area()
     if missing <= 0:
         return False
-    # How the area changes with each coordinate; the one that has to move least is chosen.
+    # Along the gradient of the area: where two corners share a neighbour, mending one then spoils the other least.
     to_a, to_b = found[a] - found[c], found[b] - found[c]
-    slopes = [(a, 0, to_b[1]), (a, 1, -to_b[0]), (b, 0, -to_a[1]), (b, 1, to_a[0])]
-    point, axis, slope = max(slopes, key=lambda entry: abs(entry[2]))
-    slope = float(sense * slope)
-    if slope == 0.0:
+    point, gradient = max(
+        (a, sense * np.array([to_b[1], -to_b[0]])),
+        (b, sense * np.array([-to_a[1], to_a[0]])),
+        key=lambda entry: float(np.abs(entry[1]).max()),
+    )
+    size = float(np.abs(gradient).max())
+    if size == 0.0:
         return False
-    before = float(found[point, axis])
-    step = float(missing) / slope
-    trial = before + step
-    while abs(trial - float(given[point, axis])) <= limit:
-        found[point, axis] = trial
+    before = found[point].copy()
+    direction = gradient / size
+    trial = before + float(missing / Fraction(size)) / float(direction @ direction) * direction
+    outwards = np.where(gradient > 0, np.inf, np.where(gradient < 0, -np.inf, before))
+    while float(np.abs(trial - given[point]).max()) <= limit:
+        found[point] = trial
         if area() >= 0:
             return True
-        trial = float(np.nextafter(trial, np.inf if slope > 0 else -np.inf))
-    found[point, axis] = before
+        trial = np.nextafter(trial, outwards)
+    found[point] = before
     return False
