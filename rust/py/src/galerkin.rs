@@ -85,7 +85,8 @@ impl Galerkin {
     }
 }
 
-/// Cholesky factorization of symmetric matrices that share one pattern (upper triangle, compressed columns).
+/// Cholesky factorization of symmetric matrices that share one pattern (upper triangle, compressed columns). One
+/// thread's work, so it is the calling one's: no other has to wake.
 #[pyclass]
 struct SparseCholesky {
     core: Cholesky,
@@ -114,7 +115,8 @@ impl SparseCholesky {
                 "not the sorted pattern of an upper triangle with its diagonal",
             ));
         }
-        let core = threads::run(py, || Cholesky::analyse(&offsets, &rows, None))?
+        let core = py
+            .detach(|| Cholesky::analyse(&offsets, &rows, None))
             .map_err(|e| PyRuntimeError::new_err(e.to_string()))?;
         Ok(Self { core, entries: rows.len(), ready: false })
     }
@@ -125,8 +127,7 @@ impl SparseCholesky {
             return Err(PyValueError::new_err("values do not fit the pattern"));
         }
         self.ready = false;
-        threads::run(py, || self.core.factorize(values))?
-            .map_err(|e| PyRuntimeError::new_err(e.to_string()))?;
+        py.detach(|| self.core.factorize(values)).map_err(|e| PyRuntimeError::new_err(e.to_string()))?;
         self.ready = true;
         Ok(())
     }
@@ -142,7 +143,7 @@ impl SparseCholesky {
             ));
         }
         let mut x = rhs.as_slice()?.to_vec();
-        threads::run(py, || self.core.solve(&mut x))?;
+        py.detach(|| self.core.solve(&mut x));
         Ok(x.into_pyarray(py))
     }
 }
