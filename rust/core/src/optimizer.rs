@@ -192,8 +192,8 @@ impl SplineOptimizer {
 
     /// Minimise the distortion from the start `x`, whose fixed points stay (and whose rows hold, with a basis).
     ///
-    /// `observe` is called before every step, those in coarser spaces included, and may stop the iteration; the
-    /// steps of the outcome are those in the model's own space. With a tolerance no finer than that of the coarser
+    /// `observe` is called before every step, those in coarser spaces included, and may stop the iteration, which gives
+    /// the best map so far; the steps of the outcome are those in the model's own space. With a tolerance no finer than that of the coarser
     /// spaces there are none where the last refinement gained less than the tolerance and no fold is left; that
     /// needs a smooth start, as the harmonic map is, for coarser spaces do not see what only the finest can move.
     pub fn minimise(
@@ -240,25 +240,27 @@ impl SplineOptimizer {
         let at = Parameters { scale, eps: 1e-3, lambda: settings.lambda };
         let before = self.problem.evaluator.energy(x, at);
         let same = CoarseStart { points: x.to_vec(), found: before, settled: false };
-        let (mut correction, mut gain) = (vec![], f64::INFINITY);
+        let (mut correction, mut gain, mut stopped) = (vec![], f64::INFINITY, false);
         let levels = self.coarser.len();
         for level in (0..levels).rev() {
             let (space, problem) = &mut self.coarser[level];
             problem.evaluator.elements.set_base(&self.model.reference, &self.model.indices, x);
             correction.resize(space.n_points, [0.0; 2]);
-            let found = problem.minimise(&correction, scale, coarse, observe)?;
-            if found.stop == Stop::Interrupted {
-                return Ok(same);
+            // Once stopped, what was found is only carried to the finest space.
+            if !stopped {
+                let found = problem.minimise(&correction, scale, coarse, observe)?;
+                stopped = found.stop == Stop::Interrupted;
+                gain = match found.steps.as_slice() {
+                    [first, ..] if level + 1 < levels && !stopped => first.decrement,
+                    _ => f64::INFINITY,
+                };
+                correction = found.points;
             }
-            gain = match found.steps.as_slice() {
-                [first, ..] if level + 1 < levels => first.decrement,
-                _ => f64::INFINITY,
-            };
             correction = match level {
-                0 => space.prolong(&found.points, &self.model.indices, self.model.n_points),
+                0 => space.prolong(&correction, &self.model.indices, self.model.n_points),
                 _ => {
                     let finer = &self.coarser[level - 1].0;
-                    self.coarser[level].0.prolong(&found.points, &finer.indices, finer.n_points)
+                    self.coarser[level].0.prolong(&correction, &finer.indices, finer.n_points)
                 }
             };
         }

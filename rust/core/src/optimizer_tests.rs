@@ -110,6 +110,23 @@ fn folds_of_a_large_model_open_in_the_coarser_spaces() {
 }
 
 #[test]
+fn a_stop_in_the_coarser_spaces_keeps_what_they_gave() {
+    let (model, free, x) = bent_pair(24);
+    let mut optimizer = SplineOptimizer::new(model, free, None).unwrap();
+    let start = optimizer.harmonic(&x).unwrap();
+    let (mut seen, at) = (0, Parameters { scale: 1.0, eps: 1e-3, lambda: 0.3 });
+    let stop_at_the_fourth = |_: &Step| {
+        seen += 1;
+        if seen < 4 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    };
+    let found = optimizer.minimise(&start, Settings::default(), stop_at_the_fourth).unwrap();
+    assert_eq!((found.stop, found.steps.len(), seen), (Stop::Interrupted, 0, 4));
+    let [before, after] =
+        [&start, &found.points].map(|points| optimizer.problem.evaluator.energy(points, at).energy);
+    assert!(after < before, "{before} {after}");
+}
+
+#[test]
 fn prolongation_keeps_the_map() {
     let (model, free, _) = bent_pair(24);
     let optimizer = SplineOptimizer::new(model.clone(), free, None).unwrap();

@@ -1,6 +1,6 @@
 //! Bindings of the mesh method: triangulation, cotan Laplacian, bounded distortion.
 
-use crate::threads;
+use crate::threads::{self, Deadline};
 use numpy::ndarray::{Array1, Array2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use patchtransfer_core::laplacian::{self, MeshError};
@@ -203,6 +203,7 @@ impl LocalGlobal {
     }
 
     /// Local–global steps from a feasible map: (map, flips, energies), the lists with the initial value first.
+    #[pyo3(signature = (u, k, iterations, tolerance, seconds=None))]
     fn iterate<'py>(
         &mut self,
         py: Python<'py>,
@@ -210,12 +211,14 @@ impl LocalGlobal {
         k: PyReadonlyArray1<'py, f64>,
         iterations: usize,
         tolerance: f64,
+        seconds: Option<f64>,
     ) -> PyResult<IterateTuple<'py>> {
+        let end = Deadline::after(seconds);
         let mut u = self.positions(&u)?;
         let k = bounds(&k, self.0.n_faces())?;
         let report = threads::run_watched(
             py,
-            |report| self.0.iterate(&mut u, &k, iterations, tolerance, || report(())),
+            |report| self.0.iterate(&mut u, &k, iterations, tolerance, || report(()) && !end.passed()),
             threads::UNSEEN,
         )?;
         Ok((rows(py, u), report.flips, report.energy))

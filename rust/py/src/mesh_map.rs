@@ -1,7 +1,7 @@
 //! Bindings of the mesh method's maps: closest points in stacked coordinates, descent of conformal distortion.
 
 use crate::mesh::{CscReadonly, csc, indices, mesh_error, rows, triangles3};
-use crate::threads;
+use crate::threads::{self, Deadline};
 use numpy::ndarray::Array1;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use patchtransfer_core::closest_point::{Foot, MeshTree};
@@ -70,27 +70,30 @@ impl DistortionDescent {
     }
 
     /// Lower the energy of a map: (map, energies, why it ended).
+    #[pyo3(signature = (u, max_steps, tolerance, seconds=None))]
     fn minimise<'py>(
         &mut self,
         py: Python<'py>,
         u: PyReadonlyArray2<'py, f64>,
         max_steps: usize,
         tolerance: f64,
+        seconds: Option<f64>,
     ) -> PyResult<DescentTuple<'py>> {
+        let end = Deadline::after(seconds);
         let mut u = points2(&u)?;
         if u.len() != self.0.n_vertices() || !u.as_flattened().iter().all(|x| x.is_finite()) {
             return Err(PyValueError::new_err(format!("expected {} finite positions", self.0.n_vertices())));
         }
         let report = threads::run_watched(
             py,
-            |report| self.0.minimise(&mut u, max_steps, tolerance, || report(())),
+            |report| self.0.minimise(&mut u, max_steps, tolerance, || report(()) && !end.passed()),
             threads::UNSEEN,
         )?;
         let stop = match report.stop {
             Stop::Converged => "converged",
             Stop::StepLimit => "step limit",
             Stop::Stalled => "stalled",
-            Stop::Interrupted => "interrupted",
+            Stop::Interrupted => "time limit",
             Stop::Flipped => "flipped",
         };
         Ok((rows(py, u), report.energy, stop))

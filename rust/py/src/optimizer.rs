@@ -1,7 +1,7 @@
 //! Bindings of `patchtransfer_core::optimizer`.
 
 use crate::convert::{PatchTuple, patch, points2};
-use crate::threads;
+use crate::threads::{self, Deadline};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use patchtransfer_core::optimizer::{Model, Settings, SplineOptimizer as Core, Step, Stop};
@@ -110,7 +110,8 @@ impl SplineOptimizer {
         Ok((energy, array2(py, &gradient)))
     }
 
-    #[pyo3(signature = (points, lambda_=0.3, max_steps=200, tolerance=1e-8, callback=None))]
+    #[pyo3(signature = (points, lambda_=0.3, max_steps=200, tolerance=1e-8, callback=None, seconds=None))]
+    #[allow(clippy::too_many_arguments)]
     fn minimise<'py>(
         &mut self,
         py: Python<'py>,
@@ -119,7 +120,9 @@ impl SplineOptimizer {
         max_steps: usize,
         tolerance: f64,
         callback: Option<Py<PyAny>>,
+        seconds: Option<f64>,
     ) -> PyResult<Outcome<'py>> {
+        let end = Deadline::after(seconds);
         let x = self.shared_points(&points)?;
         let settings = Settings { lambda: lambda_, max_steps, tolerance };
         let mut count = 0_usize;
@@ -127,7 +130,12 @@ impl SplineOptimizer {
             py,
             |report| {
                 self.core.minimise(&x, settings, |step: &Step| {
-                    if report(*step) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+                    // Ctrl-C is an error by itself, so what is interrupted otherwise is so by the clock.
+                    if report(*step) && !end.passed() {
+                        ControlFlow::Continue(())
+                    } else {
+                        ControlFlow::Break(())
+                    }
                 })
             },
             callback.map(|f| {
@@ -145,7 +153,7 @@ impl SplineOptimizer {
             Stop::Converged => "converged",
             Stop::StepLimit => "step limit",
             Stop::Stalled => "stalled",
-            Stop::Interrupted => "interrupted",
+            Stop::Interrupted => "time limit",
         };
         Ok((array2(py, &outcome.points), outcome.energy, outcome.min_det, history.into_pyarray(py), stop))
     }

@@ -75,6 +75,23 @@ pub fn run<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult
     }
 }
 
+/// When a computation has to end.
+#[derive(Clone, Copy)]
+pub struct Deadline(Option<Instant>);
+
+impl Deadline {
+    /// So many seconds from now; never without a number, or with one beyond what a clock counts.
+    pub fn after(seconds: Option<f64>) -> Self {
+        let left = seconds.and_then(|s| Duration::try_from_secs_f64(s.max(0.0)).ok());
+        Self(left.and_then(|left| Instant::now().checked_add(left)))
+    }
+
+    /// Whether it is over.
+    pub fn passed(self) -> bool {
+        self.0.is_some_and(|end| Instant::now() >= end)
+    }
+}
+
 /// For work whose reports nobody sees.
 pub const UNSEEN: Option<fn(Python<'_>, ()) -> PyResult<()>> = None;
 
