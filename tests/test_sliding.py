@@ -7,6 +7,7 @@ import models
 import patchtransfer as pt
 import targets
 from patchtransfer import InputError
+from patchtransfer.budget import Budget
 from patchtransfer.clock import Clock
 from patchtransfer.outline import Outline
 from patchtransfer.registration import register
@@ -59,7 +60,8 @@ def test_joints_shifted_along_the_loop_slide_back():
     plan = pt.TransferPlan(mp)
     clock = Clock()
     movable = [np.ones(6, bool)] * 2
-    result = plan._attempt(wrong, plan._fit(wrong, "certified", 1e-3, clock), movable, "certified", None, 1e-3, clock)
+    fitted = plan._fit(wrong, "certified", 1e-3, clock)
+    result = plan._attempt(wrong, fitted, movable, "certified", None, 1e-3, clock, Budget())
     before, after = energy_log(result)
     assert after - 2.6 < 0.1 * (before - 2.6)
 

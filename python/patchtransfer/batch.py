@@ -25,6 +25,7 @@ from typing import Any
 from . import __version__, _core, io
 from .errors import InputError, NotCertifiedError, TransferError
 from .io.atomic import write_atomic
+from .options import check_fit_tolerance, check_time_limit
 from .transfer import TransferPlan
 
 __all__ = ["BatchOptions", "BatchRow", "run_batch", "write_summary"]
@@ -36,12 +37,13 @@ SUMMARY = ("summary.csv", "summary.json")
 
 @dataclass(frozen=True)
 class BatchOptions:
-    """Options of every transfer, as in `TransferPlan.transfer`."""
+    """Options of every transfer, as in `TransferPlan.transfer`; `time_limit` is each target's own."""
 
     method: str = "certified"
     refine: str = "never"
     fit_tolerance: float = 1e-3
     keep_uncertified: bool = False
+    time_limit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -141,8 +143,8 @@ def run_batch(
     jobs = _jobs(source, [Path(t) for t in targets], folder)
     model = io.read(source)
     plan = TransferPlan(model) if continuity is None else TransferPlan(model, continuity)
-    if not 0 < options.fit_tolerance < 1:
-        raise InputError(f"fit_tolerance must lie between 0 and 1, got {options.fit_tolerance!r}")
+    check_fit_tolerance(options.fit_tolerance)
+    check_time_limit(options.time_limit)
     common = _digest(__version__.encode(), source.read_bytes(), json.dumps([asdict(options), plan.continuity]).encode())
     jobs = [_keyed(job, common) for job in jobs]
     try:
@@ -248,6 +250,7 @@ def _transfer(plan: TransferPlan, job: _Job, options: BatchOptions) -> BatchRow:
             refine=options.refine,
             fit_tolerance=options.fit_tolerance,
             on_failure="return" if options.keep_uncertified else "raise",
+            time_limit=options.time_limit,
         )
     except BaseException as error:
         if isinstance(error, (KeyboardInterrupt, SystemExit)):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .background_mesh import TriangleMesh
+from .budget import Budget
 from .errors import InputError
 from .harmonic import mesh_solver
 from .splines import FloatArray
@@ -67,6 +68,7 @@ def remove_foldovers(
     max_iterations: int = 2000,
     stall: float = 1e-4,
     steps_per_bound: int = 200,
+    budget: Budget | None = None,
 ) -> BoundedDistortionResult:
     """Find a map with 1 ≤ σ₁/σ₂ ≤ k_i on every face, raising k_i where that is not possible.
 
@@ -98,6 +100,8 @@ def remove_foldovers(
     steps_per_bound : int
         Bounds are raised after this many steps even without a stall: too low bounds let the energy creep for
         thousands of steps, to no avail. Less than about 150 ends with more flips.
+    budget : Budget, optional
+        Its time limit ends the steps.
 
     Returns
     -------
@@ -134,9 +138,10 @@ def remove_foldovers(
     k_max: list[float] = []
     k_mean: list[float] = []
     iterations = 0
+    budget = budget or Budget()
     while True:
         points, new_flips, new_energy = solver.iterate(
-            points, k, min(steps_per_bound, max_iterations - iterations), stall
+            points, k, min(steps_per_bound, max_iterations - iterations), stall, budget.seconds_left()
         )
         # The first entry is the map at hand, already recorded under the previous bounds.
         new = slice(1 if flips else 0, None)
@@ -147,7 +152,7 @@ def remove_foldovers(
         iterations += len(new_flips) - 1
         if new_flips[-1] < fewest:
             best, fewest = points, new_flips[-1]
-        if new_flips[-1] == 0 or iterations >= max_iterations:
+        if new_flips[-1] == 0 or iterations >= max_iterations or budget.expired():
             break
         first, second = solver.singular_values(points).T
         raised = (first > k * second) & (k < LARGEST_K)

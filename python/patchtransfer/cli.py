@@ -28,6 +28,7 @@ from .cli_support import (
     keep_inputs,
     set_threads,
     status_line,
+    time_limit_option,
     warn,
 )
 from .errors import InputError
@@ -74,6 +75,7 @@ main.add_command(poisson)
 @click.option("--keep-uncertified", is_flag=True, help="Write the best map even without a certificate.")
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
 @click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
+@time_limit_option
 @json_option
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
 def transfer(
@@ -89,6 +91,7 @@ def transfer(
     keep_uncertified: bool,
     plot_path: str | None,
     plot_registration: str | None,
+    time_limit: float | None,
     json_path: str | None,
     threads: int | None,
 ) -> None:
@@ -120,6 +123,7 @@ def transfer(
                 fit_tolerance=fit_tolerance,
                 fixed_correspondence=fixed_correspondence,
                 on_failure="return" if keep_uncertified else "raise",
+                time_limit=time_limit,
             )
         with all_or_nothing(output, plot_path, plot_registration, json_path):
             if plot_path is not None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .cli_support import NOT_CERTIFIED, Report, escape, failures, keep_inputs, print_error
+from .cli_support import NOT_CERTIFIED, Report, escape, failures, keep_inputs, print_error, time_limit_option
 
 if TYPE_CHECKING:
     from .batch import BatchRow
@@ -36,6 +36,7 @@ __all__ = ["batch"]
 @click.option(
     "--workers", type=click.IntRange(1, 256), metavar="N", help="Processes (default: one a core, at most one a target)."
 )
+@time_limit_option
 @click.option("--force", is_flag=True, help="Do finished targets again.")
 def batch(
     source: str,
@@ -47,6 +48,7 @@ def batch(
     fit_tolerance: float,
     keep_uncertified: bool,
     workers: int | None,
+    time_limit: float | None,
     force: bool,
 ) -> None:
     """Transfer SOURCE to all TARGETS; for NAME.svg write NAME.xml and NAME.report.json to DIR.
@@ -58,7 +60,7 @@ def batch(
     from .batch import SUMMARY, BatchOptions, run_batch, write_summary
 
     processes = min(os.cpu_count() or 1, len(targets)) if workers is None else workers
-    options = BatchOptions(method, refine, fit_tolerance, keep_uncertified)
+    options = BatchOptions(method, refine, fit_tolerance, keep_uncertified, time_limit)
     with failures(Report(None)):
         keep_inputs([source, *targets], [os.path.join(output, name) for name in SUMMARY])
         try:

@@ -28,6 +28,7 @@ __all__ = [
     "print_error",
     "set_threads",
     "status_line",
+    "time_limit_option",
     "warn",
 ]
 
@@ -147,6 +148,12 @@ def set_threads(threads: int | None) -> None:
 
 
 json_option = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
+time_limit_option = click.option(
+    "--time-limit",
+    type=float,
+    metavar="S",
+    help="Seconds for a target, after which the search ends with the best map so far (default: none).",
+)
 
 
 @contextmanager

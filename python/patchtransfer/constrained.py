@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array, diags_array, eye_array
 
+from .budget import Budget
 from .certificate import Certificate
 from .continuity import ContinuityRows
 from .definite import DefiniteFactor
@@ -127,6 +128,7 @@ def best_under_rows(
     *,
     release: bool = True,
     rounds: int = ROUNDS,
+    budget: Budget | None = None,
 ) -> Outcome:
     """Optimise the spline under the first choice of rows, and under the next where that costs too much.
 
@@ -134,11 +136,14 @@ def best_under_rows(
     choices tried the one with most interfaces, then with least distortion, is kept. Parameters as of
     `optimize_under_rows`; ``make(null_space=..., nodes_per_degree=..., extra_nodes=...)`` gives an optimizer.
     """
-    solve = _ladder(topology, make, certify, progress)
+    budget = budget or Budget()
+    solve = _ladder(topology, make, certify, progress, budget)
     tried: list[tuple[tuple[int, float], Outcome]] = []
     log: list[str] = []
     for make_rows in choices:
-        found = optimize_under_rows(topology, make_rows, solve, reference, certify, release=release, rounds=rounds)
+        found = optimize_under_rows(
+            topology, make_rows, solve, reference, certify, release=release, rounds=rounds, budget=budget
+        )
         if len(choices) == 1:
             return found
         plain = make()
@@ -146,7 +151,7 @@ def best_under_rows(
         missing = len(found[3].without) + len(found[3].contradictory)
         tried.append(((missing, plain.minimise(found[0], max_steps=0).energy), found))
         least = [plain.minimum_determinant(points) for points in (found[0], reference)]
-        if not missing and least[0] >= SPOILT * least[1]:
+        if budget.expired() or (not missing and least[0] >= SPOILT * least[1]):
             break
     points, certificate, _, rows = min(tried, key=lambda entry: entry[0])[1]
     if len(tried) > 1:
@@ -163,6 +168,7 @@ def optimize_under_rows(
     *,
     release: bool = True,
     rounds: int = ROUNDS,
+    budget: Budget | None = None,
 ) -> Outcome:
     """Find a certified map under continuity rows, starting from one without them.
 
@@ -181,6 +187,9 @@ def optimize_under_rows(
         Whether rows are released at boundary corners that collapse.
     rounds : int, default 3
         Attempts at most; after each that fails, interfaces lose their rows.
+    budget : Budget, optional
+        No further attempt is made when its time is over; what `solve` spends is renewed where it gives a certified
+        map. Default unlimited.
 
     Returns
     -------
@@ -188,9 +197,10 @@ def optimize_under_rows(
         Certified in any case: with all rows, with fewer, or the reference with none.
     """
     log: list[str] = []
+    budget = budget or Budget()
     without, released = frozenset[int](), frozenset[Spoke]()
     near, failures, corners = reference, 0, _Corners(topology)
-    while failures < rounds:
+    while failures < rounds and not budget.expired():
         space, start, released = _start(topology, corners, make_rows, reference, near, released, without, release)
         points, certificate, tried = solve(space, start)
         log += [f"under {len(space.rows)} rows, {entry}" for entry in tried]
@@ -198,6 +208,8 @@ def optimize_under_rows(
         if collapsed:
             released |= collapsed
             near = points if certificate.injective else reference
+            if certificate.injective:
+                budget.renew()
             log.append(f"corners collapse: the second rows of {len(collapsed)} interface ends are released")
         elif certificate.injective:
             return points, certificate, log, rows_summary(topology, space, points, released)
@@ -211,7 +223,11 @@ def optimize_under_rows(
 
 
 def _ladder(
-    topology: Topology, make: Callable[..., SplineOptimizer], certify: Certify, progress: Progress | None
+    topology: Topology,
+    make: Callable[..., SplineOptimizer],
+    certify: Certify,
+    progress: Progress | None,
+    budget: Budget,
 ) -> Solve:
     """The spline optimiser's ladder as a solver under rows."""
 
@@ -226,6 +242,7 @@ def _ladder(
             boundary=topology.boundary_points,
             progress=None if progress is None else partial(_renamed, progress),
             project=space.project,
+            budget=budget,
         )
         return found.points, certificate, log
 

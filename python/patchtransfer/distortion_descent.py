@@ -31,7 +31,7 @@ class DistortionDescentResult:
     energy : list of float
         Mean over the area of σ₁/σ₂ + σ₂/σ₁, at least 2: of the given map, then after every step.
     stop : str
-        "converged", "step limit", "stalled" (rounding), or "flipped": a flipped map is returned as it is.
+        "converged", "step limit", "time limit", "stalled" (rounding), or "flipped": a flipped map is returned as it is.
     """
 
     points: FloatArray
@@ -47,6 +47,7 @@ def minimise_distortion(
     *,
     max_steps: int = 100,
     tolerance: float = 1e-6,
+    seconds: float | None = None,
 ) -> DistortionDescentResult:
     """Lower the mean conformal distortion of a map without ever flipping a face.
 
@@ -64,6 +65,8 @@ def minimise_distortion(
     max_steps : int
     tolerance : float
         Ends when the squared Newton decrement is below this fraction of the energy.
+    seconds : float, optional
+        Limit, looked at before every step.
 
     Returns
     -------
@@ -80,7 +83,7 @@ def minimise_distortion(
         descent = _core.DistortionDescent(
             mesh.points, mesh.triangles, np.asarray(fixed, np.int64), null_space_arrays(null_space)
         )
-        points, energy, stop = descent.minimise(np.asarray(u, float), max_steps, tolerance)
+        points, energy, stop = descent.minimise(np.asarray(u, float), max_steps, tolerance, seconds)
     except ValueError as error:
         raise InputError(f"distortion descent: {error}") from error
     return DistortionDescentResult(points, energy, stop)

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from scipy.sparse import csc_array
 
+from .budget import Budget
 from .certificate import Certificate, certify
 from .clock import Clock
 from .constrained import ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
@@ -26,6 +27,7 @@ from .optimize import (
     degenerate_corners,
     optimize_with_ladder,
     reporter,
+    step_cost,
 )
 from .paper_method import PaperHistory, paper_map
 from .splines import FloatArray, Patch
@@ -36,6 +38,8 @@ __all__ = ["CONTINUITY", "InteriorMap", "InteriorSolver"]
 CONTINUITY = ("c0", "c1", "g1")
 #: Diameters from the origin beyond which a target is brought there to be solved.
 FAR = 100.0
+#: Part of the work for rows, which need most of it; the rest is for finding a map without them.
+ROWS_SHARE = 0.65
 #: Optimizers under rows that a thread keeps, one a pattern of the null-space basis.
 KEPT_PATTERNS = 2
 
@@ -84,6 +88,8 @@ class InteriorSolver:
         self._c1 = C1Rows(source.topology, self._control)
         self._linear = frozenset(i for i, r in enumerate(self._control) if r.lowest_degree < 2)
         self._degenerate = degenerate_corners(source.patches if reference is None else reference)
+        #: Of a Newton step on the source's own nodes; see `SplineOptimizer`.
+        self.step_cost = step_cost(source.patches)
         self._thread = threading.local()
 
     def __getstate__(self) -> dict[str, object]:
@@ -94,7 +100,12 @@ class InteriorSolver:
         self.__dict__.update(state, _thread=threading.local())
 
     def certified(
-        self, start: FloatArray, degenerate: Sequence[tuple[int, int]], progress: Progress | None, clock: Clock
+        self,
+        start: FloatArray,
+        degenerate: Sequence[tuple[int, int]],
+        progress: Progress | None,
+        clock: Clock,
+        budget: Budget,
     ) -> InteriorMap:
         """Spline harmonic map, then distortion optimisation until the certificate accepts the map; then rows.
 
@@ -109,7 +120,7 @@ class InteriorSolver:
         boundary = start[on]
         centre, diameter = boundary.mean(axis=0), float(np.linalg.norm(np.ptp(boundary, axis=0)))
         if float(np.linalg.norm(centre)) <= FAR * diameter:
-            return self._certified(start, degenerate, check, progress, clock)
+            return self._certified(start, degenerate, check, progress, clock, budget)
 
         def back(points: FloatArray) -> FloatArray:
             there = np.array(points + centre)
@@ -117,7 +128,8 @@ class InteriorSolver:
             there[on] = boundary
             return there
 
-        found = self._certified(start - centre, degenerate, lambda points: check(back(points)), progress, clock)
+        moved = start - centre
+        found = self._certified(moved, degenerate, lambda points: check(back(points)), progress, clock, budget)
         rows = found.rows and found.rows.moved(centre, diameter)
         return replace(found, points=back(found.points), rows=rows)
 
@@ -128,6 +140,7 @@ class InteriorSolver:
         check: Certify,
         progress: Progress | None,
         clock: Clock,
+        budget: Budget,
     ) -> InteriorMap:
         topology = self.source.topology
         make = partial(self.optimizer, degenerate)
@@ -136,13 +149,20 @@ class InteriorSolver:
             with clock("optimisation"):
                 optimizer = make()
                 rough = optimizer.minimise(
-                    optimizer.harmonic(start), progress=reporter(progress, "optimise"), tolerance=ROUGH
+                    optimizer.harmonic(start),
+                    progress=reporter(progress, "optimise"),
+                    tolerance=ROUGH,
+                    seconds=budget.seconds_left(),
                 )
             log.append(f"rough map for the rows to follow: smallest determinant {rough.min_determinant:.3g}")
+            if budget.expired():
+                return InteriorMap(rough.points, check(rough.points), log, [])
             if rough.min_determinant > 0:
-                under, complete = self._under_rows(rough.points, make, check, progress, clock, rounds=1)
+                part = budget.part(ROWS_SHARE)
+                under, complete = self._under_rows(rough.points, make, check, progress, clock, part, rounds=1)
                 log += under.log
-                if complete:
+                # Rows that are not complete leave the rough map as it was, or one that is certified.
+                if complete or budget.expired():
                     return replace(under, log=log)
         with clock("optimisation"):
             found, certificate, entries = optimize_with_ladder(
@@ -152,11 +172,12 @@ class InteriorSolver:
                 source=topology.coordinates,
                 boundary=topology.boundary_points,
                 progress=progress,
+                budget=budget.part(1 - ROWS_SHARE if self._levels else 1),
             )
         log += entries
-        if not (self._levels and certificate.injective):
+        if not (self._levels and certificate.injective) or budget.expired():
             return InteriorMap(found.points, certificate, log, [])
-        under, _ = self._under_rows(found.points, make, check, progress, clock)
+        under, _ = self._under_rows(found.points, make, check, progress, clock, budget.part(ROWS_SHARE))
         return replace(under, log=log + under.log)
 
     def _under_rows(
@@ -166,6 +187,7 @@ class InteriorSolver:
         check: Certify,
         progress: Progress | None,
         clock: Clock,
+        budget: Budget,
         rounds: int = ROUNDS,
     ) -> tuple[InteriorMap, bool]:
         """Rows that follow a map without them: C1 first, then exact G1 that follows the C1 map.
@@ -181,32 +203,48 @@ class InteriorSolver:
                     partial(self._rows, choice, points) for choice in (level, "g1 linear")[: 1 + (level == "g1")]
                 ]
                 points, certificate, entries, rows = best_under_rows(
-                    self.source.topology, choices, make, points, check, progress, release=level == "c1", rounds=rounds
+                    self.source.topology,
+                    choices,
+                    make,
+                    points,
+                    check,
+                    progress,
+                    release=level == "c1",
+                    rounds=rounds,
+                    budget=budget,
                 )
             log += entries
             complete = complete and certificate.injective and self._linear.issuperset(rows.without)
-            if rounds == 1 and not complete:
+            if budget.expired() or (rounds == 1 and not complete):
                 break
         return InteriorMap(points, certificate, log, [], rows), complete
 
-    def paper(self, start: FloatArray, clock: Clock) -> InteriorMap:
+    def paper(self, start: FloatArray, clock: Clock, budget: Budget) -> InteriorMap:
         """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
         topology = self.source.topology
-        mapped = paper_map(topology, start, stage=clock)
+        mapped = paper_map(topology, start, stage=clock, budget=budget)
 
         def solve(space: RowSpace, near: FloatArray) -> tuple[FloatArray, Certificate, list[str]]:
             nonlocal mapped
-            mapped = paper_map(topology, space.project(near), space.basis, stage=clock)
+            mapped = paper_map(topology, space.project(near), space.basis, stage=clock, budget=budget)
             return mapped.points, self.certify(mapped.points, clock), mapped.log
 
         points, log, rows = mapped.points, list(mapped.log), None
         certificate = self.certify(points, clock)
         for level in self._levels:
+            if budget.expired():
+                break
             with clock("continuity rows"):
                 if certificate.injective:
                     check = partial(self.certify, clock=clock)
                     points, certificate, under, rows = optimize_under_rows(
-                        topology, partial(self._rows, level, points), solve, points, check, release=level == "c1"
+                        topology,
+                        partial(self._rows, level, points),
+                        solve,
+                        points,
+                        check,
+                        release=level == "c1",
+                        budget=budget,
                     )
                 else:
                     # A folded map has no frames to follow: take the source's.
@@ -221,6 +259,29 @@ class InteriorSolver:
         """The harmonic map on a boundary that rules out an injective one: an illustration of the reason."""
         points = self.optimizer(()).harmonic(start)
         return InteriorMap(points, self.certify(points, clock), [reason], [])
+
+    def unproved(
+        self,
+        start: FloatArray,
+        degenerate: Sequence[tuple[int, int]],
+        progress: Progress | None,
+        clock: Clock,
+        budget: Budget,
+        reason: str,
+    ) -> InteriorMap:
+        """One map of low distortion on a boundary that no certificate will accept: an illustration of the reason."""
+        with clock("optimisation"):
+            optimizer = self.optimizer(degenerate)
+            found = optimizer.minimise(
+                optimizer.harmonic(start),
+                progress=reporter(progress, "optimise"),
+                tolerance=ROUGH,
+                seconds=budget.seconds_left(),
+            )
+        entry = f"optimise: {len(found.history)} Newton steps, {found.stop}, smallest determinant "
+        return InteriorMap(
+            found.points, self.certify(found.points, clock), [f"{entry}{found.min_determinant:.3g}", reason], []
+        )
 
     def certify(self, points: FloatArray, clock: Clock) -> Certificate:
         """Proof of injectivity for shared control points."""

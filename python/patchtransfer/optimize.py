@@ -9,6 +9,7 @@ until the certificate accepts the map. Beyond the paper, which optimises a trian
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -18,12 +19,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from . import _core
+from .budget import Budget
 from .certificate import Cell, Certificate
 from .errors import InputError
 from .splines import FloatArray, Patch
 from .topology import CORNERS, Topology
 
-__all__ = ["OptimizedMap", "Progress", "SplineOptimizer", "degenerate_corners", "optimize_with_ladder"]
+__all__ = ["OptimizedMap", "Progress", "SplineOptimizer", "degenerate_corners", "optimize_with_ladder", "step_cost"]
 
 #: Called with (stage, step, energy, smallest scaled determinant) before every Newton step.
 Progress = Callable[[str, int, float, float], None]
@@ -37,6 +39,11 @@ TOLERANCE = 1e-8
 ROUGH = 1e-4
 #: Rounds of adding nodes where the certificate fails.
 ROUNDS = 8
+#: Newton steps of a rung at most, and of a step of the continuation.
+MAX_STEPS, CONTINUATION_STEPS = 200, 60
+#: What a node apart from the grid costs, over the product of its local functions' number, in nodes of the grid: there
+#: is no tensor product to use. Measured for degrees 2 to 4.
+EXTRA_NODE = 2.0
 #: |sin| of a corner's angle below which the source is singular there.
 SINGULAR = 1e-12
 
@@ -59,6 +66,11 @@ class SplineOptimizer:
     null_space : (n_interior, m) sparse array, optional
         Columns span the displacements of the interior points (``topology.interior_points``) that keep the
         continuity rows; default all displacements.
+
+    Attributes
+    ----------
+    step_cost : float
+        Work of a Newton step for a `Budget`: nodes of the grid, and what the additional ones cost.
     """
 
     def __init__(
@@ -72,6 +84,7 @@ class SplineOptimizer:
         null_space: csc_array | None = None,
     ) -> None:
         patches = topology.patches if reference is None else reference
+        self.step_cost = step_cost(patches, nodes_per_degree, extra_nodes)
         triplets = None
         if null_space is not None:
             z = null_space.tocoo()
@@ -110,17 +123,18 @@ class SplineOptimizer:
         self,
         points: FloatArray,
         area_weight: float = AREA_WEIGHT,
-        max_steps: int = 200,
+        max_steps: int = MAX_STEPS,
         progress: Callable[[int, float, float], None] | None = None,
         tolerance: float = TOLERANCE,
+        seconds: float | None = None,
     ) -> OptimizedMap:
         """Minimise the distortion energy from `points` (n_points, 2); boundary points stay.
 
         Stops where a Newton step would lower the energy by less than the fraction `tolerance`; with `ROUGH` from a
         smooth start (a harmonic map) already in coarser spaces where the last of them gained no more than that.
-        Ctrl-C is honoured between Newton steps.
+        Ctrl-C and the limit of `seconds` are honoured between Newton steps.
         """
-        out = self._core.minimise(points, area_weight, max_steps, tolerance, progress)
+        out = self._core.minimise(points, area_weight, max_steps, tolerance, progress, seconds)
         return OptimizedMap(*out)
 
 
@@ -139,7 +153,7 @@ class OptimizedMap:
     history : (steps, 4) array
         Energy, smallest determinant, regularisation ε and relative Newton decrement before every step.
     stop : str
-        "converged", "stalled" or "step limit".
+        "converged", "stalled", "step limit" or "time limit".
     """
 
     points: FloatArray
@@ -177,6 +191,7 @@ def optimize_with_ladder(
     boundary: NDArray[np.int64],
     progress: Progress | None = None,
     project: Callable[[FloatArray], FloatArray] | None = None,
+    budget: Budget | None = None,
 ) -> tuple[OptimizedMap, Certificate, list[str]]:
     """Optimise until the certificate accepts the map, trying harder rung by rung.
 
@@ -198,6 +213,8 @@ def optimize_with_ladder(
     progress : callable, optional
     project : callable, optional
         Under continuity rows: takes a map to one that satisfies them. `start` is a good map then, not only a boundary.
+    budget : Budget, optional
+        Ends the ladder when it is used up; the first rung is climbed whatever work is left. Default unlimited.
 
     Returns
     -------
@@ -205,12 +222,21 @@ def optimize_with_ladder(
         The certified map or the best one found, its certificate, and what each rung gave.
     """
     log: list[str] = []
+    budget = budget or Budget()
     best: tuple[OptimizedMap, Certificate] | None = None
     latest: tuple[OptimizedMap, Certificate]
 
-    def attempt(rung: str, optimizer: SplineOptimizer, points: FloatArray, weight: float = AREA_WEIGHT) -> bool:
+    def attempt(
+        rung: str,
+        optimizer: SplineOptimizer,
+        points: FloatArray,
+        weight: float = AREA_WEIGHT,
+        max_steps: int = MAX_STEPS,
+    ) -> bool:
         nonlocal best, latest
-        found = optimizer.minimise(points, weight, progress=reporter(progress, rung))
+        report = reporter(progress, rung)
+        found = optimizer.minimise(points, weight, max_steps, report, seconds=budget.seconds_left())
+        budget.spend(len(found.history) * optimizer.step_cost)
         certificate = certify(found.points)
         log.append(
             f"{rung}: {len(found.history)} Newton steps, {found.stop}, smallest determinant "
@@ -221,9 +247,14 @@ def optimize_with_ladder(
             best = (found, certificate)
         return certificate.injective
 
+    def stopped() -> tuple[OptimizedMap, Certificate, list[str]]:
+        return *_known(best), [*log, budget.reason()]
+
     optimizer = make()
     if attempt("optimise", optimizer, optimizer.harmonic(start) if project is None else start):
         return *_known(best), log
+    if budget.expired():
+        return stopped()
     extra: list[tuple[int, float, float]] = []
     for _ in range(ROUNDS):
         found, certificate = latest
@@ -234,23 +265,44 @@ def optimize_with_ladder(
             break
         extra += new
         optimizer = make(extra_nodes=extra)
-        if attempt("nodes added where the proof failed", optimizer, found.points):
+        steps = budget.steps(optimizer.step_cost, MAX_STEPS)
+        if not steps:
+            return stopped()
+        if attempt("nodes added where the proof failed", optimizer, found.points, max_steps=steps):
             return *_known(best), log
     optimizer = make(nodes_per_degree=4, extra_nodes=extra)
     for rung, weight in (("twice the nodes", AREA_WEIGHT), ("area weight 1", 1.0)):
-        if attempt(rung, optimizer, _known(best)[0].points, weight):
+        steps = budget.steps(optimizer.step_cost, MAX_STEPS)
+        if not steps:
+            return stopped()
+        if attempt(rung, optimizer, _known(best)[0].points, weight, steps):
             return *_known(best), log
-    continued = _continue_boundary(optimizer, source, start, boundary, project or (lambda points: points))
+    continued = _continue_boundary(optimizer, source, start, boundary, project or (lambda points: points), budget)
+    steps = budget.steps(optimizer.step_cost, MAX_STEPS)
+    if not steps:
+        return stopped()
     if continued is None:
         log.append("continuation: no fold-free path from the source's boundary was found")
     else:
-        attempt("continuation", optimizer, continued)
+        attempt("continuation", optimizer, continued, max_steps=steps)
     return *_known(best), log
 
 
 def reporter(progress: Progress | None, stage: str) -> Callable[[int, float, float], None] | None:
     """A stage's own progress callback."""
     return None if progress is None else (lambda step, energy, least: progress(stage, step, energy, least))
+
+
+def step_cost(
+    patches: Sequence[Patch], nodes_per_degree: int = 2, extra_nodes: Sequence[tuple[int, float, float]] = ()
+) -> float:
+    """Work of a Newton step in nodes of the grid, extra ones counted for what they cost."""
+    cost = 0.0
+    for patch in patches:
+        spans = [len(np.unique(knots)) - 1 for knots in patch.knots]
+        cost += math.prod(n * (nodes_per_degree * p + 1) for n, p in zip(spans, patch.degrees, strict=True))
+    local = [EXTRA_NODE * (patch.degrees[0] + 1) * (patch.degrees[1] + 1) for patch in patches]
+    return cost + sum(local[node[0]] for node in extra_nodes)
 
 
 def _nodes_of(cells: Sequence[Cell]) -> Iterator[tuple[int, float, float]]:
@@ -280,11 +332,14 @@ def _continue_boundary(
     target: FloatArray,
     boundary: NDArray[np.int64],
     project: Callable[[FloatArray], FloatArray],
+    budget: Budget | None = None,
 ) -> FloatArray | None:
     """Move the boundary from the source's (after a similarity) to the target's in adaptive steps, fold-free.
 
-    Every step starts from the previous map moved by a harmonic displacement; None when the step gets too small.
+    Every step starts from the previous map moved by a harmonic displacement; None when the step gets too small, or the
+    budget is used up.
     """
+    budget = budget or Budget()
     a, b = source[boundary], target[boundary]
     za, zb = (x[:, 0] + 1j * x[:, 1] for x in (a - a.mean(axis=0), b - b.mean(axis=0)))
     w = (za.conj() * zb).sum() / (abs(za) ** 2).sum()
@@ -292,13 +347,18 @@ def _continue_boundary(
     points = project(np.column_stack([z.real, z.imag]) + b.mean(axis=0))
     begin, at, step = points[boundary].copy(), 0.0, 0.25
     while at < 1.0:
+        max_steps = budget.steps(optimizer.step_cost, CONTINUATION_STEPS)
+        if not max_steps:
+            return None
         step = min(step, 1.0 - at)
         moved = points.copy()
         moved[boundary] = (1 - at - step) * begin + (at + step) * b
         # The harmonic correction is linear in the boundary: it moves the interior along smoothly.
         shift = np.zeros_like(points)
         shift[boundary] = moved[boundary] - points[boundary]
-        trial = optimizer.minimise(points + optimizer.harmonic(project(shift)), max_steps=60)
+        near = points + optimizer.harmonic(project(shift))
+        trial = optimizer.minimise(near, max_steps=max_steps, seconds=budget.seconds_left())
+        budget.spend(len(trial.history) * optimizer.step_cost)
         if trial.min_determinant > 0:
             points, at, step = trial.points, at + step, 2 * step
         else:

@@ -18,6 +18,7 @@ from scipy.sparse import csc_array, csr_array, eye_array
 
 from .background_mesh import TriangleMesh, source_mesh, target_mesh
 from .bounded_distortion import remove_foldovers
+from .budget import Budget
 from .dense import svd
 from .distortion_descent import minimise_distortion
 from .errors import InputError
@@ -120,6 +121,7 @@ def paper_map(
     freeze_interfaces: bool = False,
     max_iterations: int = 2000,
     stage: Stage = lambda name: nullcontext(),
+    budget: Budget | None = None,
 ) -> PaperMap:
     """Map the source's control points to the target by the published method.
 
@@ -143,6 +145,8 @@ def paper_map(
         Of local-global steps.
     stage : callable
         Context manager put around every stage.
+    budget : Budget, optional
+        Its time limit ends every stage with what it has; work is limited by `max_iterations`.
 
     Returns
     -------
@@ -150,6 +154,7 @@ def paper_map(
     """
     if initial not in INITIAL_MAPS:
         raise InputError(f"initial must be one of {', '.join(INITIAL_MAPS)}, got {initial!r}")
+    budget = budget or Budget()
     boundary = topology.boundary_points
     with stage("background mesh"):
         mesh, notes = source_mesh(topology)
@@ -172,10 +177,10 @@ def paper_map(
         history: dict[str, Any] = {"initial_map": "dirichlet"}
         log = []
         if other is not None:
-            points, history, line = _reversible(mesh, other, boundary, start, points, interior, null_space)
+            points, history, line = _reversible(mesh, other, boundary, start, points, interior, null_space, budget)
             log.append(line)
     with stage("bounded distortion"):
-        unfolded = remove_foldovers(mesh, points, boundary, null_space, max_iterations=max_iterations)
+        unfolded = remove_foldovers(mesh, points, boundary, null_space, max_iterations=max_iterations, budget=budget)
         history |= {
             "flips": tuple(unfolded.flips),
             "distortion_energy": tuple(unfolded.energy),
@@ -195,7 +200,7 @@ def paper_map(
             fixed, basis = boundary, null_space
             if freeze_interfaces:
                 fixed, basis = np.union1d(boundary, frozen_points(topology, null_space)), None
-            descent = minimise_distortion(mesh, points, fixed, basis)
+            descent = minimise_distortion(mesh, points, fixed, basis, seconds=budget.seconds_left())
             points = descent.points
             history |= {"descent_energy": tuple(descent.energy), "descent_stop": descent.stop}
             log.append(
@@ -244,11 +249,19 @@ def _reversible(
     harmonic: FloatArray,
     interior: IntArray,
     null_space: Any,
+    budget: Budget,
 ) -> tuple[FloatArray, dict[str, Any], str]:
     """Reversible harmonic map with its boundary made exact, what to record of it, and the log's line."""
     basis = None if null_space is None else csc_array(eye_array(len(start), format="csr")[:, interior] @ null_space)
     found = reversible_harmonic_map(
-        mesh, other, boundary, start[boundary], harmonic, reverse_boundary(mesh, other), null_space=basis
+        mesh,
+        other,
+        boundary,
+        start[boundary],
+        harmonic,
+        reverse_boundary(mesh, other),
+        null_space=basis,
+        budget=budget,
     )
     # The paper's later stages need the exact boundary: the smoothest correction with these boundary values.
     gap = start[boundary] - found.points[boundary]

@@ -48,7 +48,8 @@ class TransferResult:
     log : tuple of str
         What each rung of the method did.
     fit_failed : bool
-        Whether the fitted boundary itself rules out an injective map; the map is only an illustration then.
+        Whether the fitted boundary itself rules out an injective map, or its proof; the map is only an illustration
+        then, and the log's last entry the reason.
     warnings : tuple of str
     timings : dict
         Seconds per stage.

@@ -23,6 +23,7 @@ from scipy.sparse import csc_array, csr_array, diags_array, eye_array
 
 from . import _core
 from .background_mesh import TriangleMesh
+from .budget import Budget
 from .definite import DefiniteFactor
 from .errors import InputError
 from .harmonic import mesh_harmonic_map
@@ -85,6 +86,7 @@ def reversible_harmonic_map(
     weight: float = 1.0,
     max_iterations: int = 200,
     tolerance: float = 1e-4,
+    budget: Budget | None = None,
 ) -> ReversibleMap:
     """Map mesh a to mesh b with little Dirichlet energy both ways, by block coordinate descent.
 
@@ -112,6 +114,8 @@ def reversible_harmonic_map(
     tolerance : float
         At rest when no image of mesh a's vertices moves further, in units of the square root of the target's area,
         and β has stopped growing.
+    budget : Budget, optional
+        Its time limit ends the iterations after the first.
 
     Returns
     -------
@@ -140,7 +144,7 @@ def reversible_harmonic_map(
         steps.append(DescentStep(descent.beta, before, solved, descent.energy()))
         moved = float(np.abs(descent.x_ab - old).max())
         converged = moved <= tolerance and (iteration >= BETA_STEPS or beta == 0)
-        if converged:
+        if converged or (budget is not None and budget.expired()):
             break
     return ReversibleMap(
         descent.x_ab / descent.scale_b,

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .budget import Budget
 from .dense import eigen, product
 from .fitting import FittedBoundary
 from .optimize import AREA_WEIGHT, OptimizedMap, SplineOptimizer
@@ -39,6 +40,10 @@ IMPROVEMENT = 0.02
 NOTHING_TO_GAIN = 1e-6
 #: A joint moves by at most this part of the distance to its neighbour in one round.
 LONGEST_STEP = 0.3
+#: Part of a transfer's work that is for sliding; the samples' joints need a tenth of it.
+SHARE = 0.1
+#: Newton steps after a move at most: few are left where it does good.
+MAX_STEPS = 30
 #: More modes than this are coupled in groups of neighbouring joints.
 MODES = 96
 #: Displacement, relative to the boundary's length, for differences of the gradient.
@@ -99,20 +104,23 @@ def movable_joints(registration: Registration, landmarks: ArrayLike | None) -> l
 def slide_joints(
     registration: Registration,
     fitted: FittedBoundary,
-    found: OptimizedMap,
+    start: FloatArray,
     movable: Sequence[NDArray[np.bool_]],
     topology: Topology,
     optimizer: SplineOptimizer,
     refit: Callable[[Registration], FittedBoundary | None],
     with_boundary: Callable[[FittedBoundary], FloatArray],
     tolerance: float,
-) -> Slid:
+    budget: Budget | None = None,
+) -> Slid | None:
     """Move joints along the target boundary as long as the distortion energy of the map comes down.
 
     Parameters
     ----------
-    registration, fitted, found
-        Correspondence, its boundary fit and the optimiser's map with it, fold-free.
+    registration, fitted
+        Correspondence and its boundary fit.
+    start : (n_points, 2) array
+        Shared control points with that boundary, any interior.
     movable : list of (n_joints,) bool arrays
         See `movable_joints`.
     topology : Topology
@@ -124,20 +132,32 @@ def slide_joints(
         Fit to shared control points with its boundary.
     tolerance : float
         Error that the fit should reach; a move may not give it up.
+    budget : Budget, optional
+        Moving ends when `SHARE` of it is used up. Default unlimited.
 
     Returns
     -------
-    Slid
-        Never of higher energy than what came in.
+    Slid or None
+        Never of higher energy than what came in; None when that is folded, so has no distortion to compare.
     """
+    budget = (budget or Budget()).part(SHARE)
+    found = optimizer.minimise(optimizer.harmonic(start), seconds=budget.seconds_left())
+    budget.spend(len(found.history) * optimizer.step_cost)
+    if found.min_determinant <= 0:
+        return None
     current = Slid(registration, fitted, found, (found.energy,))
     least = 2 + 2 * AREA_WEIGHT
     allowed = max(tolerance, FIT_GROWTH * fitted.error)
     for _ in range(ROUNDS if any(mask.any() for mask in movable) else 0):
         if current.map.energy - least < NOTHING_TO_GAIN:
             break
+        if not budget.steps(optimizer.step_cost, 1):
+            break
         step = _model(current, movable, topology, optimizer)
         for damping in DAMPINGS:
+            max_steps = budget.steps(optimizer.step_cost, MAX_STEPS)
+            if not max_steps:
+                return current
             moved = _shifted(current.registration, step(damping))
             trial = refit(moved)
             if trial is None or trial.error > allowed:
@@ -147,9 +167,10 @@ def slide_joints(
             shift = np.zeros_like(points)
             boundary = topology.boundary_points
             shift[boundary] = points[boundary] - current.map.points[boundary]
-            start = current.map.points + optimizer.harmonic(shift)
-            start[boundary] = points[boundary]
-            better = optimizer.minimise(start, max_steps=30)
+            near = current.map.points + optimizer.harmonic(shift)
+            near[boundary] = points[boundary]
+            better = optimizer.minimise(near, max_steps=max_steps, seconds=budget.seconds_left())
+            budget.spend(len(better.history) * optimizer.step_cost)
             if better.min_determinant > 0 and better.energy < current.map.energy:
                 break
         else:

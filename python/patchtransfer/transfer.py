@@ -14,16 +14,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .certificate import Certificate
+from .budget import Budget
+from .certificate import Certificate, check_boundary
 from .clock import Clock
 from .continuity_report import check_continuity
 from .errors import InfeasibleTargetError, InputError, NotCertifiedError
+from .failures import FITTED, TARGET, no_fit, no_proof, not_certified
 from .feasibility import check_corners, check_loops, check_target_corners
 from .fitting import FREE, SMOOTH, FittedBoundary, fit_boundary
 from .g1 import check_g1_space
 from .interior import CONTINUITY, InteriorSolver
 from .multipatch import Boundary, MultiPatch
 from .optimize import Progress
+from .options import check_fit_tolerance, check_options, check_time_limit
 from .outline import Outline
 from .quality import quality
 from .refinement import Knot, insert_in_strips, missed_spans, span_middles
@@ -31,22 +34,19 @@ from .registration import Registration, register
 from .result import TransferResult
 from .sliding import Slid, movable_joints, slide_joints
 from .source_corners import certify_straight
-from .splines import FloatArray, Patch
+from .splines import BSplineCurve, FloatArray, Patch
 from .straight_corners import corner_triangles, straighten
 from .task import TransferTask, in_order
 from .topology import CORNERS
 
 __all__ = ["Refilled", "TransferPlan", "transfer"]
 
-METHODS = ("certified", "paper")
-#: What messages on the target begin with.
-TARGET = "target boundary"
-#: Below this confidence a fit that fails may be due to the correspondence.
-SURE = 0.5
 #: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
 REFINEMENTS = 6
 #: A fit that misses the target by more than so many tolerances is tried once more.
 MISSED = 2.0
+#: Part of the work for a source as it is, and for the refined one, where both are tried.
+HALF = 0.5
 
 
 def transfer(
@@ -61,6 +61,7 @@ def transfer(
     fit_tolerance: float = 1e-3,
     fixed_correspondence: bool | None = None,
     on_failure: str = "raise",
+    time_limit: float | None = None,
 ) -> TransferResult:
     """Transfer a multi-patch parameterization to a target boundary.
 
@@ -95,6 +96,11 @@ def transfer(
     on_failure : {"raise", "return"}, default "raise"
         What to do when no certified map is found: raise `NotCertifiedError` (the best map is its ``result``) or
         return the result with ``certificate.injective == False``.
+    time_limit : float, optional
+        Seconds, counted from when the source is prepared, after which searches end with the best map so far; a warning
+        says so. They look at the clock between steps. A result that was cut may differ from run to run, others do not
+        depend on the limit. Default none: a budget of Newton steps ends what has no hope
+        (``docs/stages/optimisation.md``).
 
     Returns
     -------
@@ -119,6 +125,7 @@ def transfer(
         fit_tolerance=fit_tolerance,
         fixed_correspondence=fixed_correspondence,
         on_failure=on_failure,
+        time_limit=time_limit,
     )
 
 
@@ -186,38 +193,34 @@ class TransferPlan:
         fit_tolerance: float = 1e-3,
         fixed_correspondence: bool | None = None,
         on_failure: str = "raise",
+        time_limit: float | None = None,
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
         if not isinstance(target, Boundary):
             raise InputError(f"target must be a Boundary (see read_boundary), got {type(target).__name__}")
-        for name, value, allowed in (
-            ("method", method, METHODS),
-            ("refine", refine, ("never", "auto")),
-            ("on_failure", on_failure, ("raise", "return")),
-        ):
-            if value not in allowed:
-                raise InputError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
-        if not isinstance(fit_tolerance, int | float | np.number) or not 0 < fit_tolerance < 1:
-            raise InputError(f"fit_tolerance must lie between 0 and 1, got {fit_tolerance!r}")
+        check_options(method=method, refine=refine, on_failure=on_failure)
+        check_fit_tolerance(fit_tolerance)
+        check_time_limit(time_limit)
         if fixed_correspondence is None:
             fixed_correspondence = landmarks is not None or method == "paper"
         elif not fixed_correspondence and method == "paper":
             raise InputError('joints slide with method="certified" only; leave fixed_correspondence out')
-        clock = Clock()
+        clock, budget = Clock(), Budget.of_source(self._interior.step_cost, time_limit)
         registration = self._register(target, landmarks, method, clock)
         movable = None if fixed_correspondence else movable_joints(registration, landmarks)
         plan, fitted = self, self._fit(registration, method, fit_tolerance, clock)
         notes = list(self._notes)
         if refine == "auto":
             plan, registration, fitted, refined = self._refined_to_tolerance(
-                registration, fitted, method, fit_tolerance, clock
+                registration, fitted, method, fit_tolerance, clock, budget
             )
             notes += refined
-        result = plan._attempt(registration, fitted, movable, method, progress, fit_tolerance, clock)
-        if refine == "auto" and not result.certificate.injective:
+            budget = budget.part(HALF)
+        result = plan._attempt(registration, fitted, movable, method, progress, fit_tolerance, clock, budget)
+        if refine == "auto" and not result.certificate.injective and not budget.expired():
             plan, registration = plan._refined(span_middles(plan.source.patches), registration)
             fitted = plan._fit(registration, method, fit_tolerance, clock)
-            finer = plan._attempt(registration, fitted, movable, method, progress, fit_tolerance, clock)
+            finer = plan._attempt(registration, fitted, movable, method, progress, fit_tolerance, clock, budget)
             if finer.certificate.injective:
                 result, note = finer, "the source was refined uniformly: one knot in every span of every patch"
             else:
@@ -225,12 +228,7 @@ class TransferPlan:
             notes.append(note)
         result = result.with_warnings(notes)
         if on_failure == "raise" and not result.certificate.injective:
-            raise NotCertifiedError(
-                f"no certified map was found ({result.certificate.status}): "
-                f"{result.log[-1] if result.fit_failed else '; '.join(result.certificate.reasons[:3])}; try --refine "
-                "auto (refine='auto') or more landmarks; --keep-uncertified (on_failure='return') gives the best map",
-                result,
-            )
+            raise NotCertifiedError(not_certified(result), result)
         return result
 
     def map(
@@ -249,7 +247,7 @@ class TransferPlan:
             process pool works on every target with one thread; small models gain from processes, for much of their
             time is Python's. Of a small source several targets go to a worker at once.
         **options
-            As in `transfer`.
+            As in `transfer`; a ``time_limit`` is for every target by itself.
 
         Raises
         ------
@@ -287,15 +285,17 @@ class TransferPlan:
         topology = self.source.topology
         if start.shape != (topology.n_points, 2) or not np.isfinite(start).all():
             raise InputError(f"refill: expected finite points of shape {(topology.n_points, 2)}, got {start.shape}")
-        patches = [
-            patch.with_control_points(start[p]) for patch, p in zip(topology.patches, topology.points, strict=True)
-        ]
-        curves = [[side.curve(patches) for side in loop] for loop in topology.loops]
+        curves = self._boundary(start)
         check_loops(curves, "boundary")
         corners = check_corners(curves, self._single, "boundary")
         degenerate = [self._corner_of(c.loop, c.joint) for c in corners if c.kind == "degenerate"]
         start, _ = straighten(start, corner_triangles(topology, degenerate))
-        found = self._interior.certified(start, degenerate, progress, Clock())
+        budget = Budget.of_source(self._interior.step_cost)
+        report = check_boundary(self._boundary(start))
+        if report.simple:
+            found = self._interior.certified(start, degenerate, progress, Clock(), budget)
+        else:
+            found = self._interior.unproved(start, degenerate, progress, Clock(), budget, no_proof(report))
         return Refilled(self.source.with_shared_points(found.points), found.certificate, tuple(found.log))
 
     def _register(self, target: Boundary, landmarks: ArrayLike | None, method: str, clock: Clock) -> Registration:
@@ -330,12 +330,18 @@ class TransferPlan:
             return free if free.error < fitted.error and self._check_fit(free)[2] is None else fitted
 
     def _refined_to_tolerance(
-        self, registration: Registration, fitted: FittedBoundary, method: str, tolerance: float, clock: Clock
+        self,
+        registration: Registration,
+        fitted: FittedBoundary,
+        method: str,
+        tolerance: float,
+        clock: Clock,
+        budget: Budget,
     ) -> tuple[TransferPlan, Registration, FittedBoundary, list[str]]:
         """Insert knots where the fit misses the target, until it reaches the tolerance."""
         plan, count = self, 0
         for _ in range(REFINEMENTS):
-            if fitted.error <= tolerance:
+            if fitted.error <= tolerance or budget.expired():
                 break
             with clock("refinement"):
                 knots = missed_spans(registration, fitted, plan.source.topology.loops, tolerance)
@@ -374,17 +380,13 @@ class TransferPlan:
         progress: Progress | None,
         fit_tolerance: float,
         clock: Clock,
+        budget: Budget,
     ) -> TransferResult:
         """From the fitted boundary to the result, with the source's knots."""
         with clock("feasibility"):
             corner_bound, degenerate, failure = self._check_fit(fitted)
             if failure is not None:
-                # Where the target touches itself, or nearly, its check proves nothing, and says so.
-                doubts = (note for note in registration.warnings if note.startswith(TARGET))
-                feasible = next(doubts, "the target is feasible")
-                sure = registration.confidence
-                wrong = "" if sure >= SURE else f", or its correspondence (confidence {sure:.2f}) needs landmarks"
-                failure = f"{feasible}, but the source's knots cannot represent it{wrong} {failure}"
+                failure = no_fit(registration, failure)
             warnings = [
                 f"patch {k} is degenerate at its corner {c}: one patch fills a straight angle of the target there"
                 for k, c in degenerate
@@ -393,12 +395,12 @@ class TransferPlan:
         if failure is not None:
             found = self._interior.harmonic(start, clock, failure)
         elif method == "paper":
-            found = self._interior.paper(start, clock)
+            found = self._interior.paper(start, clock, budget)
         else:
             slides = []
             if movable is not None and any(mask.any() for mask in movable):
                 with clock("sliding"):
-                    slid = self._slide(registration, fitted, start, movable, degenerate, fit_tolerance)
+                    slid = self._slide(registration, fitted, start, movable, degenerate, fit_tolerance, budget)
                 if slid is None:
                     slides = ["joints were not slid: the map has folds, so no distortion to compare"]
                 else:
@@ -407,11 +409,20 @@ class TransferPlan:
                         f"joints slid in {len(slid.energies) - 1} rounds: energy {slid.energies[0]:.4f} -> "
                         f"{slid.energies[-1]:.4f}"
                     ]
-            found = self._interior.certified(start, degenerate, progress, clock)
+            report = check_boundary(self._boundary(start))
+            if report.simple:
+                found = self._interior.certified(start, degenerate, progress, clock, budget)
+            else:
+                failure = no_proof(report, registration)
+                found = self._interior.unproved(start, degenerate, progress, clock, budget, failure)
             found.log[:0] = slides
         warnings += found.notes
+        if budget.expired() or found.log[-1:] == [budget.reason()]:
+            warnings.append(budget.reason())
         if found.rows is not None:
             warnings += found.rows.warnings(self.source)
+        elif found.certificate.injective and budget.expired():
+            warnings.append(f'patches are joined C0 only, not "{self.continuity}": no time was left for more')
         elif self.continuity != "c0" and self.source.interfaces:
             warnings.append(
                 f'patches are joined C0 only, not "{self.continuity}": there is no injective map to start from'
@@ -446,8 +457,8 @@ class TransferPlan:
         """
         curves = [[side.curve for side in sides] for sides in fitted.loops]
         try:
-            check_loops(curves, "fitted boundary")
-            corners = check_corners(curves, self._single, "fitted boundary")
+            check_loops(curves, FITTED)
+            corners = check_corners(curves, self._single, FITTED)
         except InfeasibleTargetError as error:
             return -1.0, [], f"(fit error {fitted.error:.1e} of the diameter): {error}"
         degenerate = [self._corner_of(corner.loop, corner.joint) for corner in corners if corner.kind == "degenerate"]
@@ -459,6 +470,13 @@ class TransferPlan:
         points = self.source.topology.points[side.patch]
         start = side.points(points)[0]
         return side.patch, next(c for c, (i, j) in enumerate(CORNERS) if points[i, j] == start)
+
+    def _boundary(self, points: FloatArray) -> list[list[BSplineCurve]]:
+        """The boundary loops of shared control points."""
+        topology = self.source.topology
+        pairs = zip(topology.patches, topology.points, strict=True)
+        patches = [patch.with_control_points(points[p]) for patch, p in pairs]
+        return [[side.curve(patches) for side in loop] for loop in topology.loops]
 
     def _with_boundary(self, fitted: FittedBoundary) -> FloatArray:
         """Shared control points with the fitted boundary and the source's interior."""
@@ -477,12 +495,9 @@ class TransferPlan:
         movable: Sequence[NDArray[np.bool_]],
         degenerate: Sequence[tuple[int, int]],
         tolerance: float,
+        budget: Budget,
     ) -> Slid | None:
         """Joints where the distortion is least; None when the map is folded to begin with, so has no distortion."""
-        optimizer = self._interior.optimizer(degenerate)
-        found = optimizer.minimise(optimizer.harmonic(start))
-        if found.min_determinant <= 0:
-            return None
 
         def refit(moved: Registration) -> FittedBoundary | None:
             trial = fit_boundary(moved, self._single, tolerance=tolerance)
@@ -492,13 +507,14 @@ class TransferPlan:
         return slide_joints(
             registration,
             fitted,
-            found,
+            start,
             movable,
             self.source.topology,
-            optimizer,
+            self._interior.optimizer(degenerate),
             refit,
             self._with_boundary,
             tolerance,
+            budget,
         )
 
 
