@@ -11,7 +11,6 @@ import sys
 from typing import Any
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from . import __version__
@@ -20,12 +19,14 @@ from .cli_morph import morph
 from .cli_poisson import poisson
 from .cli_support import (
     NOT_CERTIFIED,
+    Commands,
     Report,
     all_or_nothing,
     check_outputs,
     failures,
     json_option,
     keep_inputs,
+    say,
     set_threads,
     status_line,
     warn,
@@ -35,7 +36,7 @@ from .errors import InputError
 __all__ = ["main"]
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="patchtransfer")
 def main() -> None:
     """Transfer multi-patch B-spline parameterizations to new boundaries, with a proof of injectivity."""
@@ -146,9 +147,8 @@ def transfer(
             if not result.certificate.injective:
                 content["error"] = str(result.certificate)
             report.write(content)
-    quiet = json_path == "-"
-    if not quiet:
-        _summary(result.to_dict(), output)
+            if json_path != "-":
+                _summary(result.to_dict(), output)
     warn(result.warnings)
     sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
 
@@ -183,8 +183,8 @@ def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | Non
                 plot.savefig(plot.multipatch(result.multipatch), plot_path)
             io.write(result.multipatch, output)
             report.write(result.to_dict())
-    if json_path != "-":
-        _summary(result.to_dict(), output)
+            if json_path != "-":
+                _summary(result.to_dict(), output)
     warn(result.warnings)
     sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
 
@@ -211,8 +211,9 @@ def refine(file: str, output: str, elevate: int, split: int, smoothness: int | N
         model = model if smoothness is None else model.reduce_continuity(smoothness)
         # Rounding takes straight corners to either side of straight.
         model, _, notes = certify_straight(model)
-        io.write(model, output)
-    click.echo(f"{model!r} written to {output}")
+        with all_or_nothing(output):
+            io.write(model, output)
+            say(f"{model!r} written to {output}")
     warn(notes)
 
 
@@ -243,11 +244,11 @@ def check(file: str, json_path: str | None) -> None:
             "continuity": check_continuity(model).to_dict(),
             "error": None,
         }
-        report.write(content)
-    if json_path != "-":
-        _summary(content, None)
-        for reason in certificate.reasons:
-            click.echo(reason)
+        with all_or_nothing(json_path):
+            report.write(content)
+            if json_path != "-":
+                _summary(content, None)
+                say(*certificate.reasons)
     sys.exit(0 if certificate.injective else NOT_CERTIFIED)
 
 
@@ -331,8 +332,7 @@ def _summary(content: dict[str, Any], output: str | None) -> None:
             table.add_row(f"  {stage}", f"{1e3 * seconds:.1f} ms")
     if output is not None:
         table.add_row("written", output)
-    # Piped output has no width to respect.
-    Console(highlight=False, width=None if sys.stdout.isatty() else 160).print(table)
+    say(table)
 
 
 def _number(x: float | None) -> str:
@@ -347,8 +347,7 @@ def examples(name: str | None, output: str | None) -> None:
     from . import examples as bundled
 
     if name is None:
-        for key, description in bundled.EXAMPLES.items():
-            click.echo(f"{key}: {description}")
+        say(*(f"{key}: {description}" for key, description in bundled.EXAMPLES.items()))
         return
     folder = name if output is None else output
     with failures(Report(None)), status_line() as progress:

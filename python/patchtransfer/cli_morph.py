@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from .cli_support import NOT_CERTIFIED, Report, failures, keep_inputs, print_error
+from .cli_support import INTERRUPTED, NOT_CERTIFIED, Report, failures, keep_inputs, print_error, say
 
 __all__ = ["morph"]
 
@@ -78,8 +78,8 @@ def morph(
             )
         except KeyboardInterrupt:
             print_error(f"interrupted; {output} holds a part of the files and no report.json; run the command again")
-            sys.exit(130)
+            sys.exit(INTERRUPTED)
     good = sum(frame.certificate.injective for frame in result.frames)
     ways = sorted({frame.way for frame in result.frames[1:-1]})
-    click.echo(f"{good} of {frames} frames certified ({', '.join(ways) or 'ends only'}); written to {output}")
+    say(f"{good} of {frames} frames certified ({', '.join(ways) or 'ends only'}); written to {output}")
     sys.exit(0 if result.certified else NOT_CERTIFIED)

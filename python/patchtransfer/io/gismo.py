@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, InputWarning
 from ..multipatch import Boundary, Interface, MultiPatch, Side
 from ..splines import BSplineCurve, FloatArray, Patch
 from .loops import TOLERANCE, chain, check_curves, clamp, close_loop, diameter, in_order
@@ -236,7 +236,8 @@ def _multipatch(root: Element) -> MultiPatch:
         patches = [_patch(g, k) for k, g in chosen]
         return MultiPatch(patches, None, [int(name) for name in names] if usable else None)
     if len(blocks) > 1:
-        warnings.warn(f"the file holds {len(blocks)} MultiPatch blocks; the first is read", stacklevel=4)
+        doubt = f"the file holds {len(blocks)} MultiPatch blocks; the first is read"
+        warnings.warn(doubt, InputWarning, stacklevel=4)
     block, where = blocks[0], "MultiPatch"
     dimension = block.get("parDim", "2").strip()
     if dimension != "2":
