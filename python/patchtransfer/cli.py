@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.table import Table
@@ -32,6 +32,11 @@ from .cli_support import (
     warn,
 )
 from .errors import InputError
+from .limits import MAX_ALONG, MAX_CONTROL_POINTS, MAX_DEGREE, at_most
+from .splines import knot_spans
+
+if TYPE_CHECKING:
+    from .multipatch import MultiPatch
 
 __all__ = ["main"]
 
@@ -207,6 +212,7 @@ def refine(file: str, output: str, elevate: int, split: int, smoothness: int | N
         check_outputs(model=output)
         keep_inputs([file], [output])
         model = io.read(file)
+        _check_size(model, elevate, split)
         model = (model.elevate(elevate) if elevate else model).split_spans(split)
         model = model if smoothness is None else model.reduce_continuity(smoothness)
         # Rounding takes straight corners to either side of straight.
@@ -265,6 +271,20 @@ def plot(file: str, output: str) -> None:
         keep_inputs([file], [output])
         figure = plots.multipatch(io.read(file))
         plots.savefig(figure, output)
+
+
+def _check_size(model: MultiPatch, elevate: int, split: int) -> None:
+    """Refuse to refine a model to one that could not be read again."""
+    total = 0
+    for k, patch in enumerate(model.patches):
+        along = []
+        for knots, degree in zip(patch.knots, patch.degrees, strict=True):
+            at_most(degree + elevate, MAX_DEGREE, f"as degree of patch {k}", "raise it less")
+            spans = len(knot_spans(knots)) - 1
+            along.append(len(knots) - degree - 1 + spans * elevate + spans * (split - 1))
+        at_most(max(along), MAX_ALONG, f"control points in one direction of patch {k}", "split less")
+        total += along[0] * along[1]
+    at_most(total, MAX_CONTROL_POINTS, "control points", "split less")
 
 
 def _corner_index(knots: Any, point: tuple[float, float]) -> int:

@@ -40,6 +40,7 @@ def morph(
     from .errors import InputError
     from .io.atomic import write_atomic
     from .io.vtu import format_series
+    from .limits import MAX_FRAME_POINTS, at_most
     from .morph import morph as run
 
     with failures(Report(None)):
@@ -51,7 +52,10 @@ def morph(
         names = [f"frame-{i:0{digits}}" for i in range(frames)]
         models = [folder / f"{name}{suffix}" for name in names for suffix in (".xml", ".vtu")]
         keep_inputs([a, b], [*models, *animations, folder / "morph.pvd", folder / "report.json"])
-        result = run(io.read(a), io.read(b), frames, way=way, on_failure="return" if keep_uncertified else "raise")
+        first, last = io.read(a), io.read(b)
+        count = frames * sum(patch.control_points.size // 2 for patch in first.patches)
+        at_most(count, MAX_FRAME_POINTS, "control points of all frames", "take fewer frames")
+        result = run(first, last, frames, way=way, on_failure="return" if keep_uncertified else "raise")
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:

@@ -42,6 +42,8 @@ __all__ = [
 
 NOT_CERTIFIED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 SUFFIXES = {"model": (".xml", ".vtu"), "picture": (".png", ".svg", ".pdf"), "report": (".json", ".txt")}
+#: Letters of a message: names in files may be as long as the file.
+MAX_LINE = 2000
 #: Piped output has no width to respect.
 PIPED_WIDTH = 160
 
@@ -119,7 +121,8 @@ def _abandon(stream: TextIO) -> None:
 
 def escape(text: str) -> str:
     """Text on one line, without markup."""
-    return markup.escape(" ".join(str(text).split()))
+    line = " ".join(str(text).split())
+    return markup.escape(line if len(line) <= MAX_LINE else f"{line[:MAX_LINE]} ...")
 
 
 @contextmanager
