@@ -19,7 +19,7 @@ def read_bytes(path: Path) -> bytes:
     Raises
     ------
     InputError
-        When it does not exist, is a folder, cannot be read, is larger than 32 MB or holds nothing but whitespace. The
+        When it does not exist, is a folder, cannot be read, is larger than 64 MB or holds nothing but whitespace. The
         message has no path; the caller knows it.
     """
     try:

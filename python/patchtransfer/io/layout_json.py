@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..limits import MAX_DEGREE, MAX_QUADS, at_most
+from ..limits import MAX_DEGREE, MAX_LAYOUT_BYTES, MAX_QUADS, at_most
 from ..multipatch import Boundary
 
 __all__ = ["LayoutFile", "parse_layout"]
@@ -43,6 +43,7 @@ def parse_layout(data: bytes, folder: Path, read_boundary: Any) -> LayoutFile:
     InputError
         On malformed JSON, missing or unknown fields, and values of the wrong kind.
     """
+    at_most(len(data), MAX_LAYOUT_BYTES, "bytes", "a layout is coarse; name the boundary's file instead")
     try:
         content = json.loads(data, parse_constant=_no_number, parse_int=_whole)
     except (UnicodeDecodeError, json.JSONDecodeError) as error:

@@ -109,7 +109,9 @@ def _segments(shape: Element, name: str) -> list[list[Segment]]:
     from svgpathtools.parser import parse_path
 
     try:
-        with np.errstate(divide="raise", over="raise", invalid="raise"):
+        with warnings.catch_warnings(), np.errstate(divide="raise", over="raise", invalid="raise"):
+            # An arc without a radius is a line, by the standard; the library says so on standard error.
+            warnings.simplefilter("ignore")
             text = CONVERSIONS[local_name(shape)](shape)
             # Before they are parsed, which takes thousands of bytes for each.
             at_most(sum(1 for _ in ENTRIES.finditer(text)), MAX_ENTRIES, f"numbers in {name}", "simplify it")
