@@ -143,8 +143,9 @@ def main() -> None:
     def one(data: bytes) -> None:
         try:
             target(data)
-        except pt.TransferError as error:
-            assert len(str(error)) > 0
+        except pt.TransferError:
+            # What bad files are for.
+            return
 
     atheris.Setup(sys.argv, one, custom_mutator=mutated)
     atheris.Fuzz()

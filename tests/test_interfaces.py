@@ -151,7 +151,7 @@ def test_sides_computed_by_themselves_far_from_the_origin():
     """Rounding of a large coordinate is more than half the thickness of a thin patch."""
     far, t = 2.0**20, 2.0**-30
     a, b = (quad((far, k * t), (far + 1, k * t), (far + 1, (k + 1) * t), (far, (k + 1) * t)) for k in (0, 1))
-    moved = b.with_control_points(b.control_points + [4 * np.spacing(far), 0])
+    moved = b.with_control_points(b.control_points + np.array([4 * np.spacing(far), 0]))
     assert shared([a, moved]) == {frozenset([0, 1])}
 
 

@@ -11,10 +11,12 @@ const CHORDS: usize = 8;
 
 fuzz_target!(|data: &[u8]| {
     let mut bytes = Bytes::new(data);
-    let loops: Vec<Vec<SplineCurve>> = (0..bytes.between(1, 2)).map(|_| closed(&mut bytes)).collect();
+    let loops: Vec<Vec<SplineCurve>> =
+        (1..=bytes.between(1, 2)).map(|k| closed(&mut bytes, 12.0 / k as f64)).collect();
     let proof = check_loops(&loops);
     if proof.meetings.is_empty() {
-        let chains: Vec<Vec<Chord>> = loops.iter().map(|curves| curves.iter().flat_map(chords).collect()).collect();
+        let chains: Vec<Vec<Chord>> =
+            loops.iter().map(|curves| curves.iter().flat_map(chords).collect()).collect();
         let all: Vec<&Chord> = chains.iter().flatten().collect();
         for (i, a) in all.iter().enumerate() {
             for b in &all[..i] {
@@ -24,17 +26,22 @@ fuzz_target!(|data: &[u8]| {
     }
 });
 
-/// A loop of one to four curves.
-fn closed(bytes: &mut Bytes<'_>) -> Vec<SplineCurve> {
+/// A loop of one to four curves around a circle, so that some are simple.
+fn closed(bytes: &mut Bytes<'_>, radius: f64) -> Vec<SplineCurve> {
     let count = bytes.between(1, 4);
-    let first = [bytes.coordinate(), bytes.coordinate()];
+    let point = |turn: f64, bytes: &mut Bytes<'_>| {
+        let (sine, cosine) = (turn * std::f64::consts::TAU).sin_cos();
+        [radius * cosine + bytes.coordinate(), radius * sine + bytes.coordinate()]
+    };
+    let first = point(0.0, bytes);
     let mut start = first;
     (0..count)
         .map(|k| {
             let degree = bytes.between(1, 4);
             let knots = bytes.knots(degree, 2);
             let n = knots.len() - degree - 1;
-            let mut points: Vec<[f64; 2]> = (0..n).map(|_| [bytes.coordinate(), bytes.coordinate()]).collect();
+            let mut points: Vec<[f64; 2]> =
+                (0..n).map(|i| point((k as f64 + i as f64 / (n - 1) as f64) / count as f64, bytes)).collect();
             points[0] = start;
             if k + 1 == count {
                 points[n - 1] = first;
@@ -95,7 +102,8 @@ fn cross(a: &Chord, b: &Chord) -> bool {
     let sides = |c: &Chord, d: &Chord| -> Option<[f64; 2]> {
         let along = [c.ends[1][0] - c.ends[0][0], c.ends[1][1] - c.ends[0][1]];
         let length = along[0].hypot(along[1]);
-        let distance = |p: [f64; 2]| ((p[1] - c.ends[0][1]) * along[0] - (p[0] - c.ends[0][0]) * along[1]) / length;
+        let distance =
+            |p: [f64; 2]| ((p[1] - c.ends[0][1]) * along[0] - (p[0] - c.ends[0][0]) * along[1]) / length;
         let both = [distance(d.ends[0]), distance(d.ends[1])];
         both.iter().all(|x| x.abs() > off).then_some(both)
     };

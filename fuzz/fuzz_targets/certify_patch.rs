@@ -31,7 +31,10 @@ fuzz_target!(|data: &[u8]| {
     if !proof.cells.iter().any(|cell| cell.kind != CellKind::Degenerate) {
         let sign = if proof.sign_agrees { 1.0 } else { -1.0 };
         for (det, size, at) in smallest {
-            assert!(sign * det >= -CLEAR * size, "proved, but det J = {det:e} of {size:e} at {at:?}: {patch:?}");
+            assert!(
+                sign * det >= -CLEAR * size,
+                "proved, but det J = {det:e} of {size:e} at {at:?}: {patch:?}"
+            );
         }
     }
 });
@@ -42,7 +45,11 @@ fn clearest(patch: &SplinePatch) -> Vec<(f64, f64, [f64; 2])> {
     let samples = |d: usize| {
         let (t, p) = (&patch.knots[d], patch.degrees[d]);
         let on = |k: usize| (0..SAMPLES).map(move |s| (k, s as f64 / (SAMPLES - 1) as f64));
-        spans(t, p).into_iter().flat_map(on).map(|(k, s)| (k, t[k] + s * (t[k + 1] - t[k]))).collect::<Vec<_>>()
+        spans(t, p)
+            .into_iter()
+            .flat_map(on)
+            .map(|(k, s)| (k, t[k] + s * (t[k + 1] - t[k])))
+            .collect::<Vec<_>>()
     };
     for (ku, u) in samples(0) {
         let (nu, du) = basis(&patch.knots[0], patch.degrees[0], ku, u);
@@ -66,7 +73,8 @@ fn clearest(patch: &SplinePatch) -> Vec<(f64, f64, [f64; 2])> {
                 }
             }
             let [x, xu, xv] = sums;
-            let minors = [xu[1] * xv[2] - xu[2] * xv[1], xu[2] * xv[0] - xu[0] * xv[2], xu[0] * xv[1] - xu[1] * xv[0]];
+            let minors =
+                [xu[1] * xv[2] - xu[2] * xv[1], xu[2] * xv[0] - xu[0] * xv[2], xu[0] * xv[1] - xu[1] * xv[0]];
             let det: f64 = (0..3).map(|c| x[c] * minors[c]).sum();
             let size = largest.powi(3).max(largest.powi(2));
             if det.is_finite() && size.is_finite() {

@@ -7,6 +7,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from io import StringIO
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -68,11 +69,16 @@ def all_or_nothing(*paths: str | None) -> Iterator[None]:
 
 def say(*items: RenderableType) -> None:
     """Texts and tables on standard output; `InputError` when it takes no more."""
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else PIPED_WIDTH, soft_wrap=True)
-    with console.capture() as captured:
-        for item in items:
-            console.print(item, markup=not isinstance(item, str), soft_wrap=isinstance(item, str))
-    write_out(captured.get())
+    text = StringIO()
+    console = _console(text, sys.stdout, None if sys.stdout.isatty() else PIPED_WIDTH)
+    for item in items:
+        console.print(item, markup=not isinstance(item, str), soft_wrap=isinstance(item, str))
+    write_out(text.getvalue())
+
+
+def _console(file: StringIO, stream: TextIO, width: int | None) -> Console:
+    """Console that lays texts out in memory as for a stream: the library's own writing fails in ways of its own."""
+    return Console(file=file, force_terminal=stream.isatty(), width=width, highlight=False)
 
 
 def write_out(text: str) -> None:
@@ -102,11 +108,10 @@ def warn(warnings: Iterable[str]) -> None:
 
 def print_line(text: str) -> None:
     """A line of markup on standard error."""
-    console = Console(stderr=True, soft_wrap=True, highlight=False)
-    with console.capture() as captured:
-        console.print(text)
+    line = StringIO()
+    _console(line, sys.stderr, None).print(text, soft_wrap=True)
     try:
-        sys.stderr.write(captured.get())
+        sys.stderr.write(line.getvalue())
         sys.stderr.flush()
     except OSError:
         # There is no place left to say so; the exit status does.

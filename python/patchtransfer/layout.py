@@ -31,6 +31,8 @@ __all__ = ["QuadLayout", "from_layout"]
 AT_VERTEX = 5e-3
 #: Largest coordinate: squares do not overflow.
 LARGEST = 1e150
+#: Edges shorter than this (relative to the largest coordinate) have no direction left.
+SHORTEST = 1e-14
 #: Rounds of measuring the patches' rectangles anew and optimising against them.
 ROUNDS = 3
 
@@ -94,11 +96,18 @@ class QuadLayout:
         return sorted(set(self.boundary_edges.ravel().tolist()))
 
     def _check(self) -> None:
-        # About the first vertex and by a power of two: products neither over- nor underflow.
         size = float(np.abs(self.vertices).max())
         if not size <= LARGEST:
             raise InputError(f"layout vertex {int(np.abs(self.vertices).max(axis=1).argmax())} is beyond {LARGEST:g}")
-        corners = np.ldexp(self.vertices, -int(np.frexp(size)[1]))[self.quads]
+        # By a power of two: products do not underflow.
+        vertices = np.ldexp(self.vertices, -int(np.frexp(size)[1]))
+        lengths = np.linalg.norm(np.diff(vertices[self.edges], axis=1)[:, 0], axis=1)
+        if lengths.min() <= SHORTEST:
+            a, b = self.edges[int(lengths.argmin())]
+            raise InputError(
+                f"layout edge ({a}, {b}) has no length beside the others; move its vertices or delete its quads"
+            )
+        corners = vertices[self.quads]
         out, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
         cross = out[..., 0] * back[..., 1] - out[..., 1] * back[..., 0]
         size = np.linalg.norm(out, axis=2) * np.linalg.norm(back, axis=2)
@@ -114,10 +123,10 @@ class QuadLayout:
                 raise InputError(
                     f"layout edge ({a}, {b}) belongs to {count} quads on the same side; quads overlap there"
                 )
-        ends = self.vertices[self.boundary_edges]
+        ends = vertices[self.boundary_edges]
         along = ends[:, 1] - ends[:, 0]
         for v in self.boundary_vertices:
-            offset = self.vertices[v] - ends[:, 0]
+            offset = vertices[v] - ends[:, 0]
             t = (offset * along).sum(axis=1) / (along**2).sum(axis=1)
             distance = np.linalg.norm(offset - t[:, None] * along, axis=1) / np.linalg.norm(along, axis=1)
             inside = np.flatnonzero((t > 1e-6) & (t < 1 - 1e-6) & (distance < 1e-6))

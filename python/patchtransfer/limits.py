@@ -1,8 +1,8 @@
 """Upper bounds of what is read and built: within them a command needs less than 2 GB and, as a rule, 20 seconds.
 
 They are far above models of practice, and there to tell a slip of a digit, a scan or a hostile file at once instead of
-after all memory is gone. Measured on two cores; the largest model, 10 000 patches of 100 control points, is checked with
-1.6 GB.
+after all memory is gone. Measured on two cores: the largest model, 10 000 patches of 100 control points, is checked
+with 1.6 GB.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ MAX_CURVES = 50_000
 MAX_BOUNDARY_POINTS = 200_000
 #: Loops of a boundary: every two of them are compared.
 MAX_LOOPS = 1_000
-#: Corners of a target's loop: matching takes memory with their square, 0.7 GB at the bound.
+#: Corners of a target's loop: matching takes time with their square, 10 s at the bound.
 MAX_CORNERS = 4_000
 #: Landmarks of a transfer.
 MAX_LANDMARKS = 1_000

@@ -235,7 +235,7 @@ def _refusal(kind: str) -> str:
     if re.search(r"[34]$", kind):
         return "volumes are not supported; only planar patches are"
     supported = ", ".join([*PATCH_TYPES, *CURVE_TYPES])
-    return f"geometry type {kind or '(none)'} is not supported here; {supported} are"
+    return f"geometry type {kind[:40] or '(none)'} is not supported here; {supported} are"
 
 
 def read_multipatch(data: bytes) -> MultiPatch:
