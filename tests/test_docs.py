@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import patchtransfer as pt
+from patchtransfer import limits
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -60,3 +61,13 @@ def test_every_gallery_script_asserts_a_number():
     assert len(scripts) >= 8
     for script in scripts:
         assert re.search(r"^ *assert .*[<>=]", script.read_text(), re.MULTILINE), script.name
+
+
+def test_the_guide_lists_the_upper_bounds():
+    table = (DOCS / "guide" / "files.md").read_text().partition("## Upper bounds")[2]
+    digits = {int(n.replace(" ", "")) for n in re.findall(r"\d+(?: \d{3})*", table)}
+    for name in limits.__all__:
+        if name.startswith("MAX_"):
+            value = getattr(limits, name)
+            value = value // 2**20 if name.endswith("_BYTES") else 2 * value if name == "MAX_LINES" else value
+            assert value in digits, name

@@ -59,7 +59,7 @@ def test_files_that_may_not_be_opened(tmp_path, monkeypatch):
     def refuse(*_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("pathlib.Path.read_bytes", refuse)
+    monkeypatch.setattr("pathlib.Path.open", refuse)
     with pytest.raises(InputError, match="Permission denied"):
         pt.read(tmp_path / "a.xml")
 

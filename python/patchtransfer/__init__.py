@@ -5,11 +5,17 @@ from __future__ import annotations
 from importlib import import_module
 from types import ModuleType
 
+from . import interruption
+
+# First of all: what follows takes a second to load.
+interruption.leave_silently()
+
+# ruff: noqa: E402
 from ._core import __version__
 from .certificate import Certificate, certify
 from .continuity_report import ContinuityReport, check_continuity
 from .deform import Deformer, DeformResult, deform
-from .errors import InfeasibleTargetError, InputError, NotCertifiedError, TransferError
+from .errors import InfeasibleTargetError, InputError, InputWarning, NotCertifiedError, TransferError
 from .io import read, read_boundary, read_landmarks, write
 from .layout import QuadLayout, from_layout
 from .morph import Morph, morph
@@ -28,6 +34,7 @@ __all__ = [
     "Deformer",
     "InfeasibleTargetError",
     "InputError",
+    "InputWarning",
     "Interface",
     "Morph",
     "MultiPatch",

@@ -22,9 +22,10 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from . import __version__, _core, io
+from . import __version__, _core, interruption, io
 from .errors import InputError, NotCertifiedError, TransferError
 from .io.atomic import write_atomic
+from .io.json_text import json_text
 from .options import check_fit_tolerance, check_time_limit
 from .transfer import TransferPlan
 
@@ -179,7 +180,7 @@ def write_summary(rows: Sequence[BatchRow], folder: str | Path) -> None:
     writer.writerows(asdict(row) for row in rows)
     content = {"certified": sum(row.ok for row in rows), "targets": [asdict(row) for row in rows]}
     write_atomic(Path(folder) / SUMMARY[0], table.getvalue())
-    write_atomic(Path(folder) / SUMMARY[1], json.dumps(content, indent=2, allow_nan=False) + "\n")
+    write_atomic(Path(folder) / SUMMARY[1], json_text(content))
 
 
 def _jobs(source: Path, targets: Sequence[Path], folder: Path) -> list[_Job]:
@@ -230,7 +231,7 @@ def _finished(job: _Job) -> BatchRow | None:
         if batch["output_sha256"] != hashlib.sha256(job.output.read_bytes()).hexdigest():
             return None
         return BatchRow(**{**batch["row"], "target": str(job.target), "output": str(job.output), "skipped": True})
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         # No report, or one that is not ours: not finished.
         return None
 
@@ -288,7 +289,7 @@ def _transfer(plan: TransferPlan, job: _Job, options: BatchOptions) -> BatchRow:
         )
     content |= {"error": row.error, "batch": {"key": job.key, "output_sha256": digest, "row": asdict(row)}}
     # Last, so that a target that was interrupted is not finished.
-    write_atomic(job.report, json.dumps(content, indent=2, allow_nan=False) + "\n")
+    write_atomic(job.report, json_text(content))
     return row
 
 
@@ -303,6 +304,7 @@ _worker: tuple[TransferPlan, BatchOptions] | None = None
 def _start_worker(plan: TransferPlan, options: BatchOptions) -> None:
     global _worker
     _worker = plan, options
+    interruption.ignore()
     # Processes share the cores.
     _core.set_threads(1)
 
@@ -347,17 +349,25 @@ def _pool(
     executor = ProcessPoolExecutor(workers, context, _start_worker, (plan, options))
     futures: dict[Future[BatchRow], _Job] = {}
     lost: list[_Job] = []
+    others = set(multiprocessing.active_children())
     try:
-        for job in jobs:
-            try:
-                futures[executor.submit(_in_worker, job)] = job
-            except BrokenProcessPool:
-                lost.append(job)
+        # Processes start as jobs are handed over. A terminal sends Ctrl-C to all of them, and each would complain.
+        with interruption.held_back():
+            for job in jobs:
+                try:
+                    futures[executor.submit(_in_worker, job)] = job
+                except BrokenProcessPool:
+                    lost.append(job)
         for future in as_completed(futures):
             row = None
             with suppress(BrokenProcessPool):
                 row = future.result()
             yield futures[future], row
         yield from ((job, None) for job in lost)
+    except (KeyboardInterrupt, GeneratorExit):
+        # Not waited for: a transfer may take minutes, and is done again when the batch is resumed.
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        raise
     finally:
         executor.shutdown(wait=True, cancel_futures=True)

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from . import __version__
@@ -20,23 +19,30 @@ from .cli_morph import morph
 from .cli_poisson import poisson
 from .cli_support import (
     NOT_CERTIFIED,
+    Commands,
     Report,
     all_or_nothing,
     check_outputs,
     failures,
     json_option,
     keep_inputs,
+    say,
     set_threads,
     status_line,
     time_limit_option,
     warn,
 )
 from .errors import InputError
+from .limits import MAX_ALONG, MAX_CONTROL_POINTS, MAX_DEGREE, at_most
+from .splines import knot_spans
+
+if TYPE_CHECKING:
+    from .multipatch import MultiPatch
 
 __all__ = ["main"]
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="patchtransfer")
 def main() -> None:
     """Transfer multi-patch B-spline parameterizations to new boundaries, with a proof of injectivity."""
@@ -150,9 +156,8 @@ def transfer(
             if not result.certificate.injective:
                 content["error"] = str(result.certificate)
             report.write(content)
-    quiet = json_path == "-"
-    if not quiet:
-        _summary(result.to_dict(), output)
+            if json_path != "-":
+                _summary(result.to_dict(), output)
     warn(result.warnings)
     sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
 
@@ -187,8 +192,8 @@ def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | Non
                 plot.savefig(plot.multipatch(result.multipatch), plot_path)
             io.write(result.multipatch, output)
             report.write(result.to_dict())
-    if json_path != "-":
-        _summary(result.to_dict(), output)
+            if json_path != "-":
+                _summary(result.to_dict(), output)
     warn(result.warnings)
     sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
 
@@ -211,12 +216,14 @@ def refine(file: str, output: str, elevate: int, split: int, smoothness: int | N
         check_outputs(model=output)
         keep_inputs([file], [output])
         model = io.read(file)
+        _check_size(model, elevate, split)
         model = (model.elevate(elevate) if elevate else model).split_spans(split)
         model = model if smoothness is None else model.reduce_continuity(smoothness)
         # Rounding takes straight corners to either side of straight.
         model, _, notes = certify_straight(model)
-        io.write(model, output)
-    click.echo(f"{model!r} written to {output}")
+        with all_or_nothing(output):
+            io.write(model, output)
+            say(f"{model!r} written to {output}")
     warn(notes)
 
 
@@ -247,11 +254,11 @@ def check(file: str, json_path: str | None) -> None:
             "continuity": check_continuity(model).to_dict(),
             "error": None,
         }
-        report.write(content)
-    if json_path != "-":
-        _summary(content, None)
-        for reason in certificate.reasons:
-            click.echo(reason)
+        with all_or_nothing(json_path):
+            report.write(content)
+            if json_path != "-":
+                _summary(content, None)
+                say(*certificate.reasons)
     sys.exit(0 if certificate.injective else NOT_CERTIFIED)
 
 
@@ -268,6 +275,20 @@ def plot(file: str, output: str) -> None:
         keep_inputs([file], [output])
         figure = plots.multipatch(io.read(file))
         plots.savefig(figure, output)
+
+
+def _check_size(model: MultiPatch, elevate: int, split: int) -> None:
+    """Refuse to refine a model to one that could not be read again."""
+    total = 0
+    for k, patch in enumerate(model.patches):
+        along = []
+        for knots, degree in zip(patch.knots, patch.degrees, strict=True):
+            at_most(degree + elevate, MAX_DEGREE, f"as degree of patch {k}", "raise it less")
+            spans = len(knot_spans(knots)) - 1
+            along.append(len(knots) - degree - 1 + spans * elevate + spans * (split - 1))
+        at_most(max(along), MAX_ALONG, f"control points in one direction of patch {k}", "split less")
+        total += along[0] * along[1]
+    at_most(total, MAX_CONTROL_POINTS, "control points", "split less")
 
 
 def _corner_index(knots: Any, point: tuple[float, float]) -> int:
@@ -335,8 +356,7 @@ def _summary(content: dict[str, Any], output: str | None) -> None:
             table.add_row(f"  {stage}", f"{1e3 * seconds:.1f} ms")
     if output is not None:
         table.add_row("written", output)
-    # Piped output has no width to respect.
-    Console(highlight=False, width=None if sys.stdout.isatty() else 160).print(table)
+    say(table)
 
 
 def _number(x: float | None) -> str:
@@ -351,8 +371,7 @@ def examples(name: str | None, output: str | None) -> None:
     from . import examples as bundled
 
     if name is None:
-        for key, description in bundled.EXAMPLES.items():
-            click.echo(f"{key}: {description}")
+        say(*(f"{key}: {description}" for key, description in bundled.EXAMPLES.items()))
         return
     folder = name if output is None else output
     with failures(Report(None)), status_line() as progress:

@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .cli_support import NOT_CERTIFIED, Report, escape, failures, keep_inputs, print_error, time_limit_option
+from .cli_support import (
+    INTERRUPTED,
+    NOT_CERTIFIED,
+    Report,
+    escape,
+    failures,
+    keep_inputs,
+    print_error,
+    print_line,
+    say,
+    time_limit_option,
+)
 
 if TYPE_CHECKING:
     from .batch import BatchRow
@@ -77,9 +88,9 @@ def batch(
                 )
         except KeyboardInterrupt:
             print_error("interrupted; finished targets are kept, run the same command again to resume")
-            sys.exit(130)
+            sys.exit(INTERRUPTED)
         write_summary(rows, output)
-    _table(rows)
+        _table(rows)
     sys.exit(0 if all(row.ok for row in rows) else NOT_CERTIFIED)
 
 
@@ -100,7 +111,6 @@ def _bar(total: int) -> Iterator[Callable[[BatchRow], None] | None]:
 
 
 def _table(rows: list[BatchRow]) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
@@ -120,12 +130,9 @@ def _table(rows: list[BatchRow]) -> None:
             "-" if row.seconds is None else f"{row.seconds:.2f} s",
             "finished before" if row.skipped else "",
         )
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
-    console.print(table)
     done = sum(row.ok for row in rows)
-    console.print(f"{done} of {len(rows)} targets certified, {sum(row.skipped for row in rows)} finished before")
+    say(table, f"{done} of {len(rows)} targets certified, {sum(row.skipped for row in rows)} finished before")
     for row in rows:
         if row.error is not None:
-            errors = Console(stderr=True, soft_wrap=True, highlight=False)
             reason = row.error.removeprefix(f"{row.target}: ")
-            errors.print(f"[bold red]{escape(row.target)}:[/] {escape(reason)}")
+            print_line(f"[bold red]{escape(row.target)}:[/] {escape(reason)}")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from .cli_support import NOT_CERTIFIED, Report, failures, keep_inputs, print_error
+from .cli_support import INTERRUPTED, NOT_CERTIFIED, Report, failures, keep_inputs, print_error, say
 
 __all__ = ["morph"]
 
@@ -40,6 +40,7 @@ def morph(
     from .errors import InputError
     from .io.atomic import write_atomic
     from .io.vtu import format_series
+    from .limits import MAX_FRAME_POINTS, at_most
     from .morph import morph as run
 
     with failures(Report(None)):
@@ -51,7 +52,10 @@ def morph(
         names = [f"frame-{i:0{digits}}" for i in range(frames)]
         models = [folder / f"{name}{suffix}" for name in names for suffix in (".xml", ".vtu")]
         keep_inputs([a, b], [*models, *animations, folder / "morph.pvd", folder / "report.json"])
-        result = run(io.read(a), io.read(b), frames, way=way, on_failure="return" if keep_uncertified else "raise")
+        first, last = io.read(a), io.read(b)
+        count = frames * sum(patch.control_points.size // 2 for patch in first.patches)
+        at_most(count, MAX_FRAME_POINTS, "control points of all frames", "take fewer frames")
+        result = run(first, last, frames, way=way, on_failure="return" if keep_uncertified else "raise")
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -78,8 +82,8 @@ def morph(
             )
         except KeyboardInterrupt:
             print_error(f"interrupted; {output} holds a part of the files and no report.json; run the command again")
-            sys.exit(130)
+            sys.exit(INTERRUPTED)
     good = sum(frame.certificate.injective for frame in result.frames)
     ways = sorted({frame.way for frame in result.frames[1:-1]})
-    click.echo(f"{good} of {frames} frames certified ({', '.join(ways) or 'ends only'}); written to {output}")
+    say(f"{good} of {frames} frames certified ({', '.join(ways) or 'ends only'}); written to {output}")
     sys.exit(0 if result.certified else NOT_CERTIFIED)

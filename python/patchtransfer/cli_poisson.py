@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .cli_support import Report, all_or_nothing, check_outputs, failures, json_option, keep_inputs, set_threads, warn
+from .cli_support import (
+    Report,
+    all_or_nothing,
+    check_outputs,
+    failures,
+    json_option,
+    keep_inputs,
+    say,
+    set_threads,
+    warn,
+)
 
 if TYPE_CHECKING:
     from .iga import PoissonResult
@@ -51,9 +61,9 @@ def poisson(
             if plot_path is not None:
                 plot.savefig(solution(result), plot_path)
             report.write(result.to_dict() | {"warnings": warnings, "error": None})
+            if json_path != "-":
+                _summary(result.to_dict())
     warn(warnings)
-    if json_path != "-":
-        _summary(result.to_dict())
 
 
 def _unresolved(result: PoissonResult) -> list[str]:
@@ -69,7 +79,6 @@ def _unresolved(result: PoissonResult) -> list[str]:
 
 
 def _summary(content: dict[str, object]) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(show_header=False, box=None, pad_edge=False)
@@ -80,4 +89,4 @@ def _summary(content: dict[str, object]) -> None:
     timings = content["timings"]
     assert isinstance(timings, dict)
     table.add_row("time", f"{1e3 * sum(timings.values()):.1f} ms")
-    Console(highlight=False, width=160).print(table)
+    say(table)

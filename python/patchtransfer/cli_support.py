@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import click
 from rich import markup
-from rich.console import Console
+from rich.console import Console, RenderableType
 
-from .errors import InputError, NotCertifiedError, TransferError
+from . import interruption
+from .errors import InputError, InputWarning, NotCertifiedError, TransferError
+from .io.atomic import write_atomic
+from .io.json_text import json_text
 
 __all__ = [
+    "INTERRUPTED",
     "NOT_CERTIFIED",
+    "Commands",
     "Report",
     "all_or_nothing",
     "check_outputs",
@@ -25,15 +31,23 @@ __all__ = [
     "failures",
     "json_option",
     "keep_inputs",
+    "only_own_warnings",
     "print_error",
+    "print_line",
+    "say",
     "set_threads",
     "status_line",
     "time_limit_option",
     "warn",
+    "write_out",
 ]
 
-NOT_CERTIFIED, BAD_INPUT = 1, 2
+NOT_CERTIFIED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 SUFFIXES = {"model": (".xml", ".vtu"), "picture": (".png", ".svg", ".pdf"), "report": (".json", ".txt")}
+#: Letters of a message: names in files may be as long as the file.
+MAX_LINE = 2000
+#: Piped output has no width to respect.
+PIPED_WIDTH = 160
 
 
 @contextmanager
@@ -54,39 +68,130 @@ def all_or_nothing(*paths: str | None) -> Iterator[None]:
         raise
 
 
+def say(*items: RenderableType) -> None:
+    """Texts and tables on standard output; `InputError` when it takes no more."""
+    text = StringIO()
+    console = _console(text, sys.stdout, None if sys.stdout.isatty() else PIPED_WIDTH)
+    for item in items:
+        console.print(item, markup=not isinstance(item, str), soft_wrap=isinstance(item, str))
+    write_out(text.getvalue())
+
+
+def _console(file: StringIO, stream: TextIO, width: int | None) -> Console:
+    """Console that lays texts out in memory as for a stream: the library's own writing fails in ways of its own."""
+    return Console(file=file, force_terminal=stream.isatty(), width=width, highlight=False)
+
+
+def write_out(text: str) -> None:
+    """Text on standard output as it is; `InputError` when it takes no more."""
+    encoding = sys.stdout.encoding or "utf-8"
+    try:
+        # Names of files may hold bytes that are no text, and a terminal may know few letters.
+        sys.stdout.write(text.encode(encoding, "backslashreplace").decode(encoding))
+        sys.stdout.flush()
+    except OSError as error:
+        _abandon(sys.stdout)
+        raise InputError(
+            f"standard output cannot be written ({error.strerror or error}); write to a file on a disk with space"
+        ) from None
+
+
 def print_error(message: str) -> None:
     """One line on standard error."""
-    Console(stderr=True, soft_wrap=True, highlight=False).print(f"[bold red]error:[/] {escape(message)}")
+    print_line(f"[bold red]error:[/] {escape(message)}")
 
 
 def warn(warnings: Iterable[str]) -> None:
     """A line each on standard error."""
     for warning in warnings:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(f"[yellow]warning:[/] {escape(warning)}")
+        print_line(f"[yellow]warning:[/] {escape(warning)}")
+
+
+def print_line(text: str) -> None:
+    """A line of markup on standard error."""
+    line = StringIO()
+    _console(line, sys.stderr, None).print(text, soft_wrap=True)
+    try:
+        sys.stderr.write(line.getvalue())
+        sys.stderr.flush()
+    except OSError:
+        # There is no place left to say so; the exit status does.
+        _abandon(sys.stderr)
+
+
+def _abandon(stream: TextIO) -> None:
+    """Let what a stream still holds go nowhere: Python would complain about it at exit and change the status."""
+    with suppress(OSError, ValueError), open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def escape(text: str) -> str:
     """Text on one line, without markup."""
-    return markup.escape(" ".join(str(text).split()))
+    line = " ".join(str(text).split())
+    return markup.escape(line if len(line) <= MAX_LINE else f"{line[:MAX_LINE]} ...")
 
 
 @contextmanager
 def failures(report: Report) -> Iterator[None]:
-    """Turn the package's errors into one line on standard error, a JSON report and an exit status."""
+    """Turn all errors into one line on standard error, a JSON report and an exit status."""
     try:
         yield
-    except NotCertifiedError as error:
-        print_error(str(error))
-        details = error.result.to_dict() if error.result is not None else {}
-        report.write(details | {"error": str(error)}, failed=True)
-        sys.exit(NOT_CERTIFIED)
-    except TransferError as error:
-        print_error(str(error))
-        report.write({"error": str(error)}, failed=True)
-        sys.exit(BAD_INPUT)
-    except KeyboardInterrupt:
-        print_error("interrupted; nothing was written")
-        sys.exit(130)
+    except (SystemExit, click.ClickException, click.exceptions.Exit):
+        raise
+    except BaseException as error:
+        if os.environ.get("PATCHTRANSFER_TRACEBACK"):
+            raise
+        status, message = _outcome(error)
+        print_error(message)
+        if status != INTERRUPTED:
+            result = error.result if isinstance(error, NotCertifiedError) else None
+            # Standard output may be what failed; one line is enough.
+            with suppress(InputError):
+                report.write(({} if result is None else result.to_dict()) | {"error": message}, failed=True)
+        sys.exit(status)
+
+
+def _outcome(error: BaseException) -> tuple[int, str]:
+    """Exit status and message of an error."""
+    # Some libraries turn an interruption of their import into an error of their own.
+    if isinstance(error, (KeyboardInterrupt, click.Abort)) or interruption.happened:
+        return INTERRUPTED, "interrupted; nothing was written"
+    if isinstance(error, NotCertifiedError):
+        return NOT_CERTIFIED, str(error)
+    if isinstance(error, TransferError):
+        return BAD_INPUT, str(error)
+    if isinstance(error, MemoryError):
+        return BAD_INPUT, "not enough memory for a model of this size; take a coarser one"
+    if isinstance(error, OSError) and error.strerror:
+        where = "" if error.filename is None else f"{error.filename}: "
+        return BAD_INPUT, f"{where}{error.strerror}; check the path, its permissions and the disk"
+    # No bad file should get here. Those who see it can help to find out why one did.
+    what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return BAD_INPUT, f"unexpected {what} (please report this with the files; PATCHTRANSFER_TRACEBACK=1 shows where)"
+
+
+class Commands(click.Group):
+    """Group of commands without tracebacks: also errors and interruptions outside of `failures` are one line."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the command line; everything that goes wrong from here on is one line on standard error."""
+        with interruption.caught(), only_own_warnings(), failures(Report(None)):
+            return super().main(*args, **kwargs)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; before click makes an "Aborted!" with status 1 of an interruption."""
+        with failures(Report(None)):
+            return super().invoke(ctx)
+
+
+@contextmanager
+def only_own_warnings() -> Iterator[None]:
+    """Show the package's warnings about files as lines of its own, and no other library's."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", InputWarning)
+        warnings.showwarning = lambda message, *_args, **_kwargs: warn([str(message)])
+        yield
 
 
 class Report:
@@ -99,12 +204,10 @@ class Report:
         """Write the report; after a failure only to standard output, because files are left alone then."""
         if self.path is None or (failed and self.path != "-"):
             return
-        text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+        text = json_text(content)
         if self.path == "-":
-            click.echo(text, nl=False)
+            write_out(text)
         else:
-            from .io.atomic import write_atomic
-
             write_atomic(Path(self.path), text)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .result import TransferResult
 
-__all__ = ["InfeasibleTargetError", "InputError", "NotCertifiedError", "TransferError"]
+__all__ = ["InfeasibleTargetError", "InputError", "InputWarning", "NotCertifiedError", "TransferError"]
 
 
 class TransferError(Exception):
@@ -20,6 +20,10 @@ class InputError(TransferError, ValueError):
 
 class InfeasibleTargetError(TransferError):
     """No injective parameterization with the source's topology exists on the target."""
+
+
+class InputWarning(UserWarning):
+    """A file says more than is read, or something twice."""
 
 
 class NotCertifiedError(TransferError):

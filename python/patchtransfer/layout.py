@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from .errors import InputError
 from .landmarks import SNAP_DISTANCE
+from .limits import MAX_DEGREE, MAX_LAYOUT_POINTS, MAX_QUADS, at_most
 from .multipatch import Boundary, MultiPatch
 from .outline import Outline
 from .registration import register
@@ -28,6 +29,10 @@ __all__ = ["QuadLayout", "from_layout"]
 
 #: A boundary corner this close to a layout vertex (relative to the loop's length) is at the vertex.
 AT_VERTEX = 5e-3
+#: Largest coordinate: squares do not overflow.
+LARGEST = 1e150
+#: Edges shorter than this (relative to the largest coordinate) have no direction left.
+SHORTEST = 1e-14
 #: Rounds of measuring the patches' rectangles anew and optimising against them.
 ROUNDS = 3
 
@@ -54,7 +59,11 @@ class QuadLayout:
 
     def __init__(self, vertices: ArrayLike, quads: ArrayLike) -> None:
         points = frozen_array(vertices, "layout vertices")
-        corners = np.array(quads)
+        try:
+            corners = np.array(quads)
+        except ValueError:
+            # Rows of different lengths.
+            raise InputError("layout quads must be integers of shape (m, 4)") from None
         if points.ndim != 2 or points.shape[1] != 2:
             raise InputError(f"layout vertices must have shape (n, 2), got {points.shape}")
         if (
@@ -87,7 +96,18 @@ class QuadLayout:
         return sorted(set(self.boundary_edges.ravel().tolist()))
 
     def _check(self) -> None:
-        corners = self.vertices[self.quads]
+        size = float(np.abs(self.vertices).max())
+        if not size <= LARGEST:
+            raise InputError(f"layout vertex {int(np.abs(self.vertices).max(axis=1).argmax())} is beyond {LARGEST:g}")
+        # By a power of two: products do not underflow.
+        vertices = np.ldexp(self.vertices, -int(np.frexp(size)[1]))
+        lengths = np.linalg.norm(np.diff(vertices[self.edges], axis=1)[:, 0], axis=1)
+        if lengths.min() <= SHORTEST:
+            a, b = self.edges[int(lengths.argmin())]
+            raise InputError(
+                f"layout edge ({a}, {b}) has no length beside the others; move its vertices or delete its quads"
+            )
+        corners = vertices[self.quads]
         out, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
         cross = out[..., 0] * back[..., 1] - out[..., 1] * back[..., 0]
         size = np.linalg.norm(out, axis=2) * np.linalg.norm(back, axis=2)
@@ -103,10 +123,10 @@ class QuadLayout:
                 raise InputError(
                     f"layout edge ({a}, {b}) belongs to {count} quads on the same side; quads overlap there"
                 )
-        ends = self.vertices[self.boundary_edges]
+        ends = vertices[self.boundary_edges]
         along = ends[:, 1] - ends[:, 0]
         for v in self.boundary_vertices:
-            offset = self.vertices[v] - ends[:, 0]
+            offset = vertices[v] - ends[:, 0]
             t = (offset * along).sum(axis=1) / (along**2).sum(axis=1)
             distance = np.linalg.norm(offset - t[:, None] * along, axis=1) / np.linalg.norm(along, axis=1)
             inside = np.flatnonzero((t > 1e-6) & (t < 1 - 1e-6) & (distance < 1e-6))
@@ -120,6 +140,10 @@ class QuadLayout:
         """The quads as bilinear patches, written with uniform knots of the given degree."""
         if degree < 1 or spans < 1:
             raise InputError(f"degree and spans must be at least 1, got {degree} and {spans}")
+        at_most(degree, MAX_DEGREE, "as degree", "take a lower one (2 or 3 are usual)")
+        at_most(len(self.quads), MAX_QUADS, "quads", "take larger ones and more spans in each")
+        count = len(self.quads) * (degree + spans) ** 2
+        at_most(count, MAX_LAYOUT_POINTS, "control points", "take fewer spans")
         knots = np.concatenate([np.zeros(degree), np.linspace(0, 1, spans + 1), np.ones(degree)])
         t = greville(knots, degree)
         u, v = t[:, None, None], t[None, :, None]

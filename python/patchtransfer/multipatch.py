@@ -93,7 +93,7 @@ class MultiPatch:
         interfaces: Iterable[Interface] | None = None,
         ids: Sequence[int] | None = None,
     ) -> None:
-        from .topology import check_interfaces, infer_interfaces
+        from .interfaces import check_interfaces, infer_interfaces
 
         patches = tuple(patches)
         if not patches:
@@ -172,7 +172,7 @@ class MultiPatch:
 
     def with_control_points(self, control_points: Sequence[FloatArray]) -> MultiPatch:
         """The same topology, degrees and knots with other control points, one (n_u, n_v, 2) array a patch."""
-        from .topology import check_interfaces
+        from .interfaces import check_interfaces
 
         patches = tuple(p.with_control_points(c) for p, c in zip(self.patches, control_points, strict=True))
         check_interfaces(patches, self.interfaces)

@@ -72,6 +72,8 @@ class Quality:
         }
 
 
+# Absurd models have infinite metrics, and that is what they are told.
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")
 def quality(mp: MultiPatch, samples: int = 10, exclude: Iterable[tuple[int, int]] = ()) -> Quality:
     """Measure scaled Jacobian and condition number of a multi-patch.
 

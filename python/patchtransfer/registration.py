@@ -21,6 +21,7 @@ from .correspondence import HOPE, HOPELESS, Match, WholeMatch, match_outer, rank
 from .dense import svd
 from .errors import InfeasibleTargetError, InputError
 from .landmarks import landmark_anchors, pair_by_landmarks, place_landmarks, read_landmark_rows
+from .limits import MAX_CORNERS, at_most
 from .multipatch import Boundary
 from .outline import Outline
 from .splines import BSplineCurve, FloatArray
@@ -313,6 +314,12 @@ def _check_sense(source: Sequence[Outline]) -> None:
 def _check_curves(target: Boundary, outlines: Sequence[Outline]) -> None:
     """Raise `InputError` on curves without length."""
     for k, outline in enumerate(outlines):
+        at_most(
+            len(outline.corners[0]),
+            MAX_CORNERS,
+            f"corners of loop {k} of the target boundary",
+            "smooth it, or draw it with fewer points",
+        )
         for i in np.flatnonzero(np.diff(outline.joints) <= SHORTEST * target.diameter):
             x, y = outline.curves[i].start
             raise InputError(
@@ -323,16 +330,27 @@ def _check_curves(target: Boundary, outlines: Sequence[Outline]) -> None:
 
 def _check_loops(outlines: Sequence[Outline]) -> None:
     """Raise `InputError` on loops that lie on a line and on loops that are there twice."""
+    boxes = [_box(outline) for outline in outlines]
     for k, outline in enumerate(outlines):
         # A loop on a line has no area; one that crosses itself may have none either.
         if abs(outline.area) <= SHORTEST * outline.length**2 and _on_a_line(outline):
             raise InputError(f"target boundary: loop {k} encloses no area: it lies on one line; correct it")
         for j, other in enumerate(outlines[:k]):
-            # Most pairs differ in length: measuring distances is for the few that do not.
-            if abs(outline.length - other.length) <= 1e-6 * outline.length:
+            # Most pairs differ in length or place: measuring distances is for the few that do not.
+            if abs(outline.length - other.length) <= 1e-6 * outline.length and _overlap(boxes[j], boxes[k]):
                 distance = other.nearest(outline.polygon(64))[1].max()
                 if distance <= 1e-6 * outline.length:
                     raise InputError(f"target boundary: loops {j} and {k} lie on each other; delete one of them")
+
+
+def _box(outline: Outline) -> FloatArray:
+    """Lower left and upper right corner of all control points."""
+    points = np.concatenate([curve.control_points for curve in outline.curves])
+    return np.array([points.min(axis=0), points.max(axis=0)])
+
+
+def _overlap(a: FloatArray, b: FloatArray) -> bool:
+    return bool((a[0] <= b[1]).all() and (b[0] <= a[1]).all())
 
 
 def _on_a_line(outline: Outline) -> bool:

@@ -8,7 +8,6 @@ digit by digit. Everything written is the same at every run, except for times, v
 from __future__ import annotations
 
 import csv
-import json
 import subprocess
 import time
 from collections.abc import Callable, Sequence
@@ -25,6 +24,7 @@ from . import reproduce_figures as figures
 from .errors import InputError
 from .iga import PoissonResult, poisson
 from .io.atomic import write_atomic
+from .io.json_text import json_text
 from .multipatch import Boundary, MultiPatch
 from .plot_continuity import slope_differences
 from .proportions import condition_number_to_scale
@@ -302,7 +302,7 @@ def reproduce(
     for name in ("table1", "figure10", "figure11", "figure12"):
         if data[name]:
             write_atomic(folder / f"{name}.csv", _csv(data[name]))
-    write_atomic(folder / "reproduction.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_atomic(folder / "reproduction.json", json_text(data, indent=1))
     write_atomic(folder / "reproduction.md", page(data))
     return data
 

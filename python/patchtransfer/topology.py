@@ -20,15 +20,11 @@ from scipy.sparse.csgraph import connected_components
 from .areas import SideGroup, enclosed_areas, group_sides, numbered, signed_areas
 from .errors import InputError
 from .multipatch import Interface, MultiPatch, Side
-from .splines import BSplineCurve, FloatArray, IntArray, Patch, reverse_knots
+from .splines import BSplineCurve, FloatArray, IntArray, Patch
 
-__all__ = ["BoundarySide", "Spoke", "Topology", "Vertex", "check_interfaces", "infer_interfaces"]
+__all__ = ["BoundarySide", "Spoke", "Topology", "Vertex"]
 
 T = TypeVar("T")
-
-#: Side control points closer than this (relative to the diameter) are the same point. Files are often written
-#: with six digits.
-COINCIDENCE = 1e-5
 
 CORNERS = ((0, 0), (-1, 0), (0, -1), (-1, -1))
 """Patch corners as indices into the control points."""
@@ -88,81 +84,6 @@ class Spoke:
 
     interface: int
     at_end: bool
-
-
-def infer_interfaces(patches: Sequence[Patch], tolerance: float | None = None) -> tuple[Interface, ...]:
-    """Find interfaces from sides whose control points coincide.
-
-    Parameters
-    ----------
-    patches : sequence of Patch
-    tolerance : float, optional
-        Largest distance of coinciding control points; default 1e-5 of the model's diameter.
-
-    Returns
-    -------
-    tuple of Interface
-        In the order of the patches.
-    """
-    corners = np.concatenate([p.control_points.reshape(-1, 2) for p in patches])
-    tolerance = COINCIDENCE * float(np.linalg.norm(np.ptp(corners, axis=0))) if tolerance is None else tolerance
-    middles, sides = [], []
-    for k, patch in enumerate(patches):
-        for side in Side:
-            points = side.of(patch.control_points)
-            sides.append((k, side, points))
-            middles.append((points[0] + points[-1]) / 2)
-    order = np.lexsort(np.array(middles).T[::-1])
-    found: list[Interface] = []
-    used: set[int] = set()
-    x = np.array(middles)[order, 0]
-    for position, i in enumerate(order):
-        stop = np.searchsorted(x, x[position] + tolerance, side="right")
-        for j in order[position + 1 : stop]:
-            if i in used or j in used:
-                continue
-            (a, side_a, points_a), (b, side_b, points_b) = sides[min(i, j)], sides[max(i, j)]
-            if len(points_a) != len(points_b) or (a == b and side_a == side_b):
-                continue
-            for backwards in (False, True):
-                distance = np.abs(points_a - (points_b[::-1] if backwards else points_b)).max()
-                if distance <= tolerance and np.ptp(points_a, axis=0).max() > tolerance:
-                    found.append(Interface(a, side_a, b, side_b, backwards))
-                    used |= {int(i), int(j)}
-                    break
-    return tuple(sorted(found, key=lambda f: (f.patch_a, f.side_a)))
-
-
-def check_interfaces(patches: Sequence[Patch], interfaces: Sequence[Interface]) -> None:
-    """Raise `InputError` on interfaces that do not fit the patches, naming both sides."""
-    points = np.concatenate([p.control_points.reshape(-1, 2) for p in patches])
-    tolerance = COINCIDENCE * float(np.linalg.norm(np.ptp(points, axis=0)))
-    used: set[tuple[int, Side]] = set()
-    for f in interfaces:
-        name = f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
-        for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b)):
-            if not 0 <= k < len(patches):
-                raise InputError(f"{name}: there is no patch {k}")
-            if (k, side) in used:
-                raise InputError(f"{name}: {side.name.lower()} of patch {k} is in more than one interface")
-            used.add((k, side))
-        (a, axis_a), (b, axis_b) = (
-            (patches[f.patch_a], f.side_a.axis),
-            (patches[f.patch_b], f.side_b.axis),
-        )
-        knots_b = reverse_knots(b.knots[axis_b]) if f.reversed else b.knots[axis_b]
-        knots_a, length = a.knots[axis_a], np.ptp(a.knots[axis_a])
-        if a.degrees[axis_a] != b.degrees[axis_b] or len(knots_a) != len(knots_b):
-            raise InputError(f"{name}: degrees or knots differ along it; make the patches conform first")
-        if np.abs((knots_a - knots_a[0]) / length - (knots_b - knots_b[0]) / np.ptp(knots_b)).max() > 1e-9:
-            raise InputError(f"{name}: knots differ along it; make the patches conform first")
-        points_b = f.side_b.of(b.control_points)
-        gap = np.abs(f.side_a.of(a.control_points) - (points_b[::-1] if f.reversed else points_b)).max()
-        if gap > tolerance:
-            raise InputError(
-                f"{name}: control points are {gap:.3g} apart (tolerance {tolerance:.3g}); mend the file, or "
-                "leave the interfaces out to have them inferred"
-            )
 
 
 def identify(shapes: Sequence[tuple[int, int]], interfaces: Sequence[Interface]) -> tuple[list[IntArray], int]:

@@ -6,7 +6,6 @@ An example is a folder with ``source.xml`` (a multi-patch), ``target.svg`` (a dr
 
 from __future__ import annotations
 
-import json
 import os
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -14,6 +13,7 @@ from pathlib import Path
 from .. import io, plot
 from ..errors import InputError
 from ..io.atomic import write_atomic
+from ..io.json_text import json_text
 from ..multipatch import Boundary, MultiPatch
 from ..optimize import Progress
 from ..result import TransferResult
@@ -122,7 +122,7 @@ def run(name: str, folder: str | os.PathLike[str], progress: Progress | None = N
     fitted = result.multipatch.boundary()
     plot.savefig(plot.registration(source.boundary(), fitted, pairs, target), folder / "registration.png")
     io.write(result.multipatch, folder / "result.xml")
-    write_atomic(folder / "report.json", json.dumps(result.to_dict(), indent=2, allow_nan=False) + "\n")
+    write_atomic(folder / "report.json", json_text(result.to_dict()))
     return result
 
 

@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from ..errors import InputError
+from ..limits import MAX_FILE_BYTES
 
 __all__ = ["read_bytes", "write_atomic"]
 
@@ -18,17 +19,23 @@ def read_bytes(path: Path) -> bytes:
     Raises
     ------
     InputError
-        When it does not exist, is a folder, cannot be read or holds nothing but whitespace. The message has
-        no path; the caller knows it.
+        When it does not exist, is a folder, cannot be read, is larger than 64 MB or holds nothing but whitespace. The
+        message has no path; the caller knows it.
     """
     try:
-        data = path.read_bytes()
+        with path.open("rb") as stream:
+            # Not the size that the system tells: devices and pipes have none.
+            data = stream.read(MAX_FILE_BYTES + 1)
     except FileNotFoundError:
         raise InputError("no such file; check the path") from None
     except IsADirectoryError:
         raise InputError("this is a folder; name a file in it") from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror}); check its permissions") from None
+    except ValueError:
+        raise InputError("a file's name cannot hold the character NUL; correct it") from None
+    if len(data) > MAX_FILE_BYTES:
+        raise InputError(f"larger than {MAX_FILE_BYTES // 2**20} MB, the most that is read; simplify or split it")
     if not data.strip():
         raise InputError("the file is empty; write it again")
     return data

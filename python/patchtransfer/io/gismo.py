@@ -19,7 +19,17 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, InputWarning
+from ..limits import (
+    MAX_ALONG,
+    MAX_BOUNDARY_POINTS,
+    MAX_CONTROL_POINTS,
+    MAX_CURVES,
+    MAX_DEGREE,
+    MAX_LOOPS,
+    MAX_PATCHES,
+    at_most,
+)
 from ..multipatch import Boundary, Interface, MultiPatch, Side
 from ..splines import BSplineCurve, FloatArray, Patch
 from .loops import TOLERANCE, chain, check_curves, clamp, close_loop, diameter, in_order
@@ -38,6 +48,10 @@ BINARY = {
 }
 
 
+#: Digits and signs of whole numbers: longer ones name nothing and do not fit into 64 bits.
+MAX_DIGITS = 18
+
+
 def _attribute(element: Element, name: str, where: str) -> str:
     value = element.get(name)
     if value is None:
@@ -47,9 +61,12 @@ def _attribute(element: Element, name: str, where: str) -> str:
 
 def _integer(text: str, where: str) -> int:
     try:
-        return int(text)
+        value = int(text) if len(text) <= MAX_DIGITS else None
     except ValueError:
-        raise InputError(f"{where}: {text[:30]!r} is not a whole number; correct it") from None
+        value = None
+    if value is None:
+        raise InputError(f"{where}: {text[:30]!r} is not a whole number; correct it")
+    return value
 
 
 def _integers(element: Element | None, where: str) -> list[int]:
@@ -126,9 +143,11 @@ def _knots(basis: Element, where: str) -> tuple[FloatArray, int]:
     degree = _integer(_attribute(element, "degree", where), where)
     if degree < 1:
         raise InputError(f"{where}: degree {degree} is not supported; it must be at least 1")
+    at_most(degree, MAX_DEGREE, f"as degree of {where}", "lower it")
     if element.get("mode", "").strip() == "uniform":
         count = _integer(_attribute(element, "csize", where), where)
-        if not degree < count <= 10**6:
+        at_most(count, MAX_BOUNDARY_POINTS, f"as csize of {where}", "coarsen it")
+        if not degree < count:
             raise InputError(f"{where}: csize {count} does not fit degree {degree}; correct it")
         inner = np.linspace(0.0, 1.0, count - degree + 1)
         return np.concatenate([np.zeros(degree), inner, np.ones(degree)]), degree
@@ -141,8 +160,8 @@ def _knots(basis: Element, where: str) -> tuple[FloatArray, int]:
 
 
 def _label(geometry: Element, position: int) -> str:
-    kind, id_ = geometry.get("type", "without type"), geometry.get("id")
-    return f"Geometry {'number ' + str(position + 1) if id_ is None else 'id=' + id_.strip()} ({kind})"
+    kind, id_ = geometry.get("type", "without type")[:40], geometry.get("id")
+    return f"Geometry {'number ' + str(position + 1) if id_ is None else 'id=' + id_.strip()[:40]} ({kind})"
 
 
 def _tensor(geometry: Element, where: str, directions: int, rational: bool) -> tuple[
@@ -192,6 +211,7 @@ def _patch(geometry: Element, position: int) -> Patch:
     if kind not in PATCH_TYPES:
         raise InputError(f"{where}: {_refusal(kind)}")
     knots, degrees, points, weights = _tensor(geometry, where, 2, PATCH_TYPES[kind])
+    at_most(max(points.shape), MAX_ALONG, f"control points in one direction of {where}", "coarsen it")
     try:
         return Patch(knots, degrees, points, weights)
     except InputError as error:
@@ -215,7 +235,7 @@ def _refusal(kind: str) -> str:
     if re.search(r"[34]$", kind):
         return "volumes are not supported; only planar patches are"
     supported = ", ".join([*PATCH_TYPES, *CURVE_TYPES])
-    return f"geometry type {kind or '(none)'} is not supported here; {supported} are"
+    return f"geometry type {kind[:40] or '(none)'} is not supported here; {supported} are"
 
 
 def read_multipatch(data: bytes) -> MultiPatch:
@@ -232,11 +252,12 @@ def _multipatch(root: Element) -> MultiPatch:
             what = "only curves; use read_boundary" if geometries or _domains(root) else "no Geometry"
             raise InputError(f"holds {what}")
         names = [g.get("id", "").strip() for _, g in chosen]
-        usable = len(set(names)) == len(names) and all(re.fullmatch(r"-?[0-9]+", name) for name in names)
-        patches = [_patch(g, k) for k, g in chosen]
+        usable = len(set(names)) == len(names) and all(re.fullmatch(r"-?[0-9]{1,17}", name) for name in names)
+        patches = _patches(chosen)
         return MultiPatch(patches, None, [int(name) for name in names] if usable else None)
     if len(blocks) > 1:
-        warnings.warn(f"the file holds {len(blocks)} MultiPatch blocks; the first is read", stacklevel=4)
+        doubt = f"the file holds {len(blocks)} MultiPatch blocks; the first is read"
+        warnings.warn(doubt, InputWarning, stacklevel=4)
     block, where = blocks[0], "MultiPatch"
     dimension = block.get("parDim", "2").strip()
     if dimension != "2":
@@ -249,7 +270,28 @@ def _multipatch(root: Element) -> MultiPatch:
     for i in ids:
         if i not in by_id:
             raise InputError(f"{where}: there is no Geometry with id {i}; correct <patches>")
-    return _glue([_patch(by_id[i][1], by_id[i][0]) for i in ids], ids, block)
+    return _glue(_patches([by_id[i] for i in ids]), ids, block)
+
+
+def _patches(chosen: list[tuple[int, Element]]) -> list[Patch]:
+    """Patches of geometries and their positions in the file."""
+    at_most(len(chosen), MAX_PATCHES, "patches", "split the model")
+    patches, total = [], 0
+    for k, geometry in chosen:
+        patches.append(_patch(geometry, k))
+        total += patches[-1].control_points.size // 2
+        at_most(total, MAX_CONTROL_POINTS, "control points", "coarsen the model or split it")
+    return patches
+
+
+def _curves(names: Sequence[str], geometries: Sequence[Element]) -> list[BSplineCurve]:
+    at_most(len(geometries), MAX_CURVES, "curves", "join them to fewer")
+    curves, total = [], 0
+    for name, geometry in zip(names, geometries, strict=True):
+        curves.append(_curve(geometry, name))
+        total += len(curves[-1].control_points)
+        at_most(total, MAX_BOUNDARY_POINTS, "control points of the boundary", "coarsen it")
+    return curves
 
 
 def _patch_ids(block: Element, available: int) -> list[int]:
@@ -339,13 +381,15 @@ def read_boundary(data: bytes) -> Boundary:
     if root.find("MultiPatch") is not None or len(loose) < len(geometries):
         raise InputError("holds both patches and loose curves; keep what is the boundary")
     names = [name for name, _ in loose]
-    curves = [_curve(g, name) for name, g in loose]
+    curves = _curves(names, [g for _, g in loose])
     return Boundary(chain(names, curves, TOLERANCE * diameter(curves)))
 
 
 def _domain(elements: list[list[Element]]) -> Boundary:
     names = [[f"CurveLoop {k}, {_label(g, i)}" for i, g in enumerate(loop)] for k, loop in enumerate(elements)]
-    curves = [[_curve(g, n) for g, n in zip(*pair, strict=True)] for pair in zip(elements, names, strict=True)]
+    at_most(len(elements), MAX_LOOPS, "loops", "keep those of the domain")
+    flat = iter(_curves([n for loop in names for n in loop], [g for loop in elements for g in loop]))
+    curves = [[next(flat) for _ in loop] for loop in elements]
     tolerance = TOLERANCE * diameter([c for loop in curves for c in loop])
     loops = []
     for k, (who, loop) in enumerate(zip(names, curves, strict=True)):

@@ -17,6 +17,11 @@ __all__ = ["TOLERANCE", "chain", "clamp", "close_loop"]
 
 #: End points closer than this (relative to the diameter of all curves) are the same point.
 TOLERANCE = 1e-6
+#: Different end points that are looked at around each: two meet in a valid file. All pairs would be too many in one
+#: whose thousands of curves meet in a point.
+NEAREST = 16
+#: Curves between the same two vertices that are compared with each other: two in a valid file.
+COMPARED = 8
 
 
 def clamp(knots: FloatArray, degree: int, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -124,9 +129,14 @@ def check_curves(names: Sequence[str], curves: Sequence[BSplineCurve], tolerance
 def _vertices(curves: Sequence[BSplineCurve], tolerance: float) -> list[tuple[int, int]]:
     """Numbers of the start and end points, the same number for points that coincide."""
     ends = np.array([point for c in curves for point in (c.start, c.end)])
-    i, j = cKDTree(ends).query_pairs(tolerance, output_type="ndarray").T
-    graph = coo_array((np.ones(len(i)), (i, j)), shape=(len(ends), len(ends)))
-    labels = connected_components(graph, directed=False)[1].tolist()
+    places, which = np.unique(ends, axis=0, return_inverse=True)
+    nearest = min(NEAREST, len(places))
+    _, near = cKDTree(places).query(places, nearest, distance_upper_bound=np.nextafter(tolerance, np.inf))
+    i, j = np.repeat(np.arange(len(places)), nearest), np.asarray(near).ravel()
+    # Missing neighbours have the number n.
+    i, j = i[j < len(places)], j[j < len(places)]
+    graph = coo_array((np.ones(len(i)), (i, j)), shape=(len(places), len(places)))
+    labels = connected_components(graph, directed=False)[1][which.ravel()].tolist()
     return list(zip(labels[::2], labels[1::2], strict=True))
 
 
@@ -139,7 +149,7 @@ def _check(
             raise InputError(f"{names[i]} has no length; delete it")
         groups[tuple(sorted(vertex[i]))].append(i)
     for group in groups.values():
-        for n, i in enumerate(group):
+        for n, i in enumerate(group[:COMPARED]):
             for j in group[:n]:
                 if any(_coincide(curves[j], c, tolerance) for c in (curves[i], curves[i].reversed())):
                     raise InputError(f"{names[i]} repeats {names[j]}; delete one of them")

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 from ..errors import InputError
+from ..limits import MAX_CURVES, MAX_LANDMARKS, MAX_LINES, MAX_LOOPS, at_most
 from ..multipatch import Boundary
 from ..splines import BSplineCurve, FloatArray
 from .loops import close_loop
@@ -41,6 +42,12 @@ def _text(data: bytes) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"is not UTF-8 text (byte {error.start}); save it as UTF-8 CSV") from None
+
+
+def _lines(data: bytes) -> list[str]:
+    text = _text(data)
+    at_most(text.count("\n") + text.count("\r"), 2 * MAX_LINES, "line ends", "delete empty lines and comments")
+    return text.splitlines()
 
 
 def _fields(line: str) -> list[str]:
@@ -75,7 +82,8 @@ def read_boundary(data: bytes) -> Boundary:
     """Boundary from closed point lists; see `patchtransfer.read_boundary`."""
     blocks: list[list[tuple[int, list[float]]]] = [[]]
     header_allowed = True
-    for number, line in enumerate(_text(data).splitlines(), 1):
+    count = 0
+    for number, line in enumerate(_lines(data), 1):
         fields = _fields(line)
         if not fields:
             # A comment line does not end a block.
@@ -86,6 +94,9 @@ def read_boundary(data: bytes) -> Boundary:
             if len(fields) != 2:
                 raise InputError(f"line {number}: expected x,y, got {len(fields)} entries; correct it")
             blocks[-1].append((number, _values(fields, number, "two numbers x,y")))
+            count += 1
+            at_most(count, MAX_CURVES, "points", "take every other one")
+            at_most(len(blocks), MAX_LOOPS, "outlines", "keep those of the domain")
         header_allowed = False
     loops = [interpolate_outline(*_outline(block)) for block in blocks if block]
     if not loops:
@@ -227,7 +238,7 @@ def read_landmarks(data: bytes) -> FloatArray:
     columns: list[int] = []
     rows: list[list[float]] = []
     width = 0
-    for number, line in enumerate(_text(data).splitlines(), 1):
+    for number, line in enumerate(_lines(data), 1):
         fields = _fields(line)
         if not fields:
             continue
@@ -243,6 +254,7 @@ def read_landmarks(data: bytes) -> FloatArray:
             continue
         if len(fields) != width:
             raise InputError(f"line {number}: {len(fields)} entries where the header has {width}; correct it")
+        at_most(len(rows) + 1, MAX_LANDMARKS, "landmarks", "keep the telling ones")
         rows.append(_values([fields[c] for c in columns], number, "four numbers"))
     if not rows:
         raise InputError("holds no landmarks; give a header xs,ys,xt,yt and at least one row")

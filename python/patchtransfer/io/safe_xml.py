@@ -8,12 +8,14 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from ..errors import InputError
+from ..limits import MAX_TAGS, at_most
 
 __all__ = ["local_name", "parse_xml"]
 
 
 def parse_xml(data: bytes) -> Element:
     """Root element of an XML document; `InputError` on malformed text and on any DOCTYPE."""
+    at_most(data.count(b"<"), MAX_TAGS, "tags", "simplify or split the file")
     # Real files have blanks before the declaration, which XML forbids.
     body = data.lstrip()
     skipped = data[: len(data) - len(body)].count(b"\n")

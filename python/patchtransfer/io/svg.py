@@ -9,6 +9,7 @@ upright. Transforms of elements and of all groups around them are applied to the
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections.abc import Iterator
 from typing import Any
@@ -17,6 +18,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import InputError
+from ..limits import MAX_CURVES, MAX_LOOPS, at_most
 from ..multipatch import Boundary
 from ..splines import BSplineCurve, FloatArray
 from .loops import TOLERANCE, close_loop
@@ -27,6 +29,11 @@ __all__ = ["read_boundary"]
 ARC_STEP = 0.28
 #: Segments shorter than this (relative to the diameter) are rounding left-overs of closing commands.
 NEGLIGIBLE = 1e-9
+
+#: What can make a segment of a path: a number, or a closing command.
+ENTRIES = re.compile(r"[0-9]+|[zZ]")
+#: Most of a path: a segment has up to seven numbers, with digits before and after the point.
+MAX_ENTRIES = 14 * MAX_CURVES
 
 CONTAINERS = ("g", "a", "switch")
 REFUSED = {"use": "replace it by the shape it refers to", "svg": "move its shapes into the outer one"}
@@ -41,7 +48,8 @@ def read_boundary(data: bytes) -> Boundary:
     if local_name(root) != "svg":
         raise InputError(f"the root element is <{local_name(root)}>, not <svg>; save the picture as plain SVG")
     subpaths: list[tuple[str, list[Segment]]] = []
-    for number, (shape, matrix) in enumerate(_shapes(root, np.eye(3)), 1):
+    count = 0
+    for number, (shape, matrix) in enumerate(_shapes(root), 1):
         name = f"<{local_name(shape)}> {shape.get('id') or 'number ' + str(number)}"
         for k, segments in enumerate(_segments(shape, name)):
             placed = [(knots, p, _place(c, matrix)) for knots, p, c in segments]
@@ -49,6 +57,9 @@ def read_boundary(data: bytes) -> Boundary:
             if not all((np.abs(c) <= 1e150).all() for _, _, c in placed):
                 raise InputError(f"{name}: NaN, infinity or a number above 1e150; correct it")
             subpaths.append((name if k == 0 else f"{name}, subpath {k + 1}", placed))
+            count += len(placed)
+            at_most(count, MAX_CURVES, "path segments", "simplify the paths")
+            at_most(len(subpaths), MAX_LOOPS, "subpaths and shapes", "keep those of the domain")
     points = [c for _, segments in subpaths for _, _, c in segments]
     if not points:
         raise InputError("holds no closed path; draw the outline as <path> or a shape (text and images are ignored)")
@@ -56,13 +67,20 @@ def read_boundary(data: bytes) -> Boundary:
     return Boundary([_loop(name, segments, size) for name, segments in subpaths])
 
 
-def _shapes(parent: Element, matrix: FloatArray) -> Iterator[tuple[Element, FloatArray]]:
+def _shapes(root: Element) -> Iterator[tuple[Element, FloatArray]]:
     """Visible shapes in document order with the transforms of all their groups."""
     # Imported here: it is slow to load, and only pictures need it.
     from svgpathtools.document import CONVERSIONS
     from svgpathtools.parser import parse_transform
 
-    for child in parent:
+    # Not by recursion: programs nest groups, and files may do so thousands deep.
+    stack = [(iter(root), np.eye(3))]
+    while stack:
+        children, matrix = stack[-1]
+        child = next(children, None)
+        if child is None:
+            stack.pop()
+            continue
         kind = local_name(child)
         if kind not in CONVERSIONS and kind not in CONTAINERS and kind not in REFUSED:
             continue
@@ -80,7 +98,7 @@ def _shapes(parent: Element, matrix: FloatArray) -> Iterator[tuple[Element, Floa
         with np.errstate(over="ignore", invalid="ignore"):
             placed = matrix @ own
         if kind in CONTAINERS:
-            yield from _shapes(child, placed)
+            stack.append((iter(child), placed))
         else:
             yield child, placed
 
@@ -91,8 +109,13 @@ def _segments(shape: Element, name: str) -> list[list[Segment]]:
     from svgpathtools.parser import parse_path
 
     try:
-        with np.errstate(divide="raise", over="raise", invalid="raise"):
-            path = parse_path(CONVERSIONS[local_name(shape)](shape))
+        with warnings.catch_warnings(), np.errstate(divide="raise", over="raise", invalid="raise"):
+            # An arc without a radius is a line, by the standard; the library says so on standard error.
+            warnings.simplefilter("ignore")
+            text = CONVERSIONS[local_name(shape)](shape)
+            # Before they are parsed, which takes thousands of bytes for each.
+            at_most(sum(1 for _ in ENTRIES.finditer(text)), MAX_ENTRIES, f"numbers in {name}", "simplify it")
+            path = parse_path(text)
             runs = path.continuous_subpaths() if len(path) else []
             return [[_segment(s) for s in run if s.start != s.end or len(s.bpoints()) > 2] for run in runs]
     except (ValueError, TypeError, LookupError, ArithmeticError, AssertionError, AttributeError) as error:

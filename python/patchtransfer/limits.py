@@ -1,0 +1,71 @@
+"""Upper bounds of what is read and built: within them a command needs less than 2 GB and, as a rule, 20 seconds.
+
+They are far above models of practice, and there to tell a slip of a digit, a scan or a hostile file at once instead of
+after all memory is gone. Measured on two cores: the largest model, 10 000 patches of 100 control points, is checked
+with 1.6 GB.
+"""
+
+from __future__ import annotations
+
+from .errors import InputError
+
+__all__ = [
+    "MAX_ALONG",
+    "MAX_BOUNDARY_POINTS",
+    "MAX_CONTROL_POINTS",
+    "MAX_CORNERS",
+    "MAX_CURVES",
+    "MAX_DEGREE",
+    "MAX_FILE_BYTES",
+    "MAX_FRAME_POINTS",
+    "MAX_LANDMARKS",
+    "MAX_LAYOUT_BYTES",
+    "MAX_LAYOUT_POINTS",
+    "MAX_LINES",
+    "MAX_LOOPS",
+    "MAX_PATCHES",
+    "MAX_QUADS",
+    "MAX_TAGS",
+    "at_most",
+]
+
+#: Bytes of a file: a million control points in full digits have 45 million.
+MAX_FILE_BYTES = 64 * 2**20
+#: Tags of an XML or SVG file, opening and closing ones: each takes up to a kilobyte.
+MAX_TAGS = 1_000_000
+#: Bytes of a layout, whose lists take twenty times as much when parsed.
+MAX_LAYOUT_BYTES = 4 * 2**20
+#: Largest degree, for which the certificate has exact binomials.
+MAX_DEGREE = 19
+#: Patches of a model.
+MAX_PATCHES = 10_000
+#: Control points of a model, all patches together, ...
+MAX_CONTROL_POINTS = 1_000_000
+#: ... and of a patch in one direction: knots are inserted one by one.
+MAX_ALONG = 5_000
+#: Curves of a boundary (segments of paths in a picture, points of an outline in CSV).
+MAX_CURVES = 50_000
+#: Control points of a boundary.
+MAX_BOUNDARY_POINTS = 200_000
+#: Loops of a boundary: every two of them are compared.
+MAX_LOOPS = 1_000
+#: Corners of a target's loop: matching takes time with their square, 10 s at the bound.
+MAX_CORNERS = 4_000
+#: Landmarks of a transfer.
+MAX_LANDMARKS = 1_000
+#: Lines of a text file, comments and empty ones too.
+MAX_LINES = 500_000
+#: Quads of a layout, ...
+MAX_QUADS = 1_000
+#: ... and control points of the model made of it, which is optimised: 10 s and 1.5 GB at the bound.
+MAX_LAYOUT_POINTS = 50_000
+#: Control points of all frames of the command that morphs: they are kept until all are certified.
+MAX_FRAME_POINTS = 10_000_000
+
+
+def at_most(count: int, limit: int, what: str, remedy: str) -> None:
+    """Raise `InputError` if there are more than `limit` of something."""
+    if count > limit:
+        # Numbers from files may have thousands of digits, which Python refuses to print.
+        number = str(count) if count < 10**15 else "more than 10^15"
+        raise InputError(f"{number} {what}, at most {limit} are supported; {remedy}")
