@@ -14,7 +14,7 @@ boundary the loops are simple and disjoint. The knots' lines of low continuity d
 is applied to each Bézier piece. ∎
 
 All hypotheses are decided in floating point with bounds on the rounding error: what is called proved is
-proved for the numbers as they are stored (``docs/stages/rounding.md``), or, where the sides of an interface differ by
+proved for the numbers as they are stored (``docs/rounding.md``), or, where the sides of an interface differ by
 rounding, for the common ones that the notes name (`welding`).
 """
 

@@ -9,7 +9,7 @@
 //! see [`power_of_two_above`]), so that what follows a loss multiplies it by little; [`TINY`], 10³² times larger, covers
 //! all losses of an operation, times one plus what the operation multiplies by. Overflow makes the bound infinite or
 //! NaN, and no comparison `> err` holds against either: it counts against the proof. Knots are taken as they are
-//! stored, however close: their differences are as exact as any. The page `docs/stages/rounding.md` lists every bound.
+//! stored, however close: their differences are as exact as any. The page `docs/rounding.md` lists every bound.
 
 use std::cmp::Ordering;
 
