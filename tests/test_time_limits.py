@@ -1,6 +1,8 @@
 """Searches end: at once where no proof is possible, by a budget of work, and by the user's time limit."""
 
 import json
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +16,9 @@ from patchtransfer.batch import BatchOptions, run_batch
 from patchtransfer.budget import Budget
 from patchtransfer.certificate import check_boundary
 from patchtransfer.cli import main
+from patchtransfer.constrained import optimize_under_rows
 from patchtransfer.failures import no_proof
+from patchtransfer.interior import InteriorSolver
 from patchtransfer.optimize import SplineOptimizer, optimize_with_ladder, step_cost
 from test_ladder import CASES, given_boundary, strip
 
@@ -168,6 +172,39 @@ def test_a_transfer_without_hope_keeps_to_its_budget(continuity, monkeypatch):
         pt.transfer(mp, target, landmarks, continuity, progress=unlimited)
     assert len(unlimited.stages) > len(counted.stages)
     assert cost > 0
+
+
+@pytest.mark.parametrize("proved", [False, True])
+def test_a_certified_map_with_collapsed_corners_is_kept_for_want_of_another(proved):
+    """It renews the budget, and is the result where neither fewer rows nor the map without any are certified."""
+    mp = strip(2, 3, 3)
+    t, reference = mp.topology, mp.topology.coordinates
+    flat = reference.copy()
+    across = t.interior_points[np.abs(reference[t.interior_points, 0] - 1) < 0.1]
+    flat[across, 0] += 0.6 * np.abs(reference[across, 1] - 0.5)
+    work, tries = Budget(1e6), []
+
+    def solve(space, start):
+        tries.append(work.work_left)
+        work.spend(8e5)
+        return (flat if len(tries) == 1 else reference), SimpleNamespace(injective=len(tries) == 1, cells=()), ["tried"]
+
+    points, certificate, log, rows = optimize_under_rows(
+        t,
+        partial(InteriorSolver(mp, "c1")._rows, "c1", reference),
+        solve,
+        reference,
+        lambda _: SimpleNamespace(injective=proved, cells=()),
+        rounds=1,
+        budget=work,
+    )
+    assert tries == [1e6, 1e6]
+    assert any(entry.startswith("corners collapse") for entry in log)
+    assert certificate.injective
+    assert np.array_equal(points, reference if proved else flat)
+    warned = any("corners are nearly flat under continuity rows at 2" in text for text in rows.warnings(mp))
+    assert warned == (rows.collapsed == 2) == (not proved)
+    assert rows.to_dict()["collapsed"] == rows.collapsed
 
 
 # --- the time limit -------------------------------------------------------------------------------

@@ -57,6 +57,9 @@ class ActiveRows:
     contradictory : tuple of (interface, vertex)
         Rows that the boundary contradicts, or leaves no freedom for at a vertex of even valence; not active. Vertex
         -1: not at a vertex.
+    collapsed : int
+        Interface ends at the boundary where a corner is nearly flat under the rows: no certified map was found with
+        fewer rows there.
     """
 
     active: int
@@ -65,6 +68,7 @@ class ActiveRows:
     released: tuple[tuple[int, tuple[float, float]], ...] = ()
     without: tuple[int, ...] = ()
     contradictory: tuple[tuple[int, int], ...] = ()
+    collapsed: int = 0
 
     def moved(self, centre: FloatArray, diameter: float) -> ActiveRows:
         """The same of a map moved by `centre`; the residual is not measured there, rounding of coordinates is added."""
@@ -81,6 +85,7 @@ class ActiveRows:
             "released": [{"interface": i, "at": list(at)} for i, at in self.released],
             "interfaces_without": list(self.without),
             "contradictory": [{"interface": i, "vertex": v} for i, v in self.contradictory],
+            "collapsed": self.collapsed,
         }
 
     def warnings(self, mp: MultiPatch) -> list[str]:
@@ -94,6 +99,11 @@ class ActiveRows:
         if self.residual > KEPT:
             found.append(
                 f"continuity rows hold to {self.residual:.1e} of the diameter only (rounding in near-singular rows)"
+            )
+        if self.collapsed:
+            found.append(
+                f"corners are nearly flat under continuity rows at {self.collapsed} interface ends on the boundary: "
+                "no certified map was found with fewer rows there"
             )
         if self.contradictory:
             found.append(
@@ -194,12 +204,14 @@ def optimize_under_rows(
     Returns
     -------
     points, certificate, log, ActiveRows
-        Certified in any case: with all rows, with fewer, or the reference with none.
+        Certified in any case if the reference is: with all rows, with fewer, or the reference with none. If it is not,
+        a certified map whose corners collapse may be the best there is.
     """
     log: list[str] = []
     budget = budget or Budget()
     without, released = frozenset[int](), frozenset[Spoke]()
     near, failures, corners = reference, 0, _Corners(topology)
+    spare: Outcome | None = None
     while failures < rounds and not budget.expired():
         space, start, released = _start(topology, corners, make_rows, reference, near, released, without, release)
         points, certificate, tried = solve(space, start)
@@ -210,6 +222,8 @@ def optimize_under_rows(
             near = points if certificate.injective else reference
             if certificate.injective:
                 budget.renew()
+                rows = replace(rows_summary(topology, space, points, released - collapsed), collapsed=len(collapsed))
+                spare = points, certificate, log, rows
             log.append(f"corners collapse: the second rows of {len(collapsed)} interface ends are released")
         elif certificate.injective:
             return points, certificate, log, rows_summary(topology, space, points, released)
@@ -219,7 +233,10 @@ def optimize_under_rows(
             log.append(f"no certified map satisfies these rows: {len(without)} interfaces lose theirs")
     everything = frozenset(range(len(topology.interfaces)))
     space = row_space(make_rows((), everything), topology.interior_points, reference)
-    return reference, certify(reference), log, rows_summary(topology, space, reference)
+    certificate = certify(reference)
+    if spare is not None and not certificate.injective:
+        return spare
+    return reference, certificate, log, rows_summary(topology, space, reference)
 
 
 def _ladder(

@@ -145,6 +145,7 @@ class InteriorSolver:
         topology = self.source.topology
         make = partial(self.optimizer, degenerate)
         log: list[str] = []
+        spare: InteriorMap | None = None
         if self._levels:
             with clock("optimisation"):
                 optimizer = make()
@@ -164,6 +165,7 @@ class InteriorSolver:
                 # Rows that are not complete leave the rough map as it was, or one that is certified.
                 if complete or budget.expired():
                     return replace(under, log=log)
+                spare = under if under.rows is not None and under.rows.collapsed else None
         with clock("optimisation"):
             found, certificate, entries = optimize_with_ladder(
                 make,
@@ -175,6 +177,8 @@ class InteriorSolver:
                 budget=budget.part(1 - ROWS_SHARE if self._levels else 1),
             )
         log += entries
+        if spare is not None and not certificate.injective:
+            return replace(spare, log=[*log, "the certified map under rows is kept, though its corners collapse"])
         if not (self._levels and certificate.injective) or budget.expired():
             return InteriorMap(found.points, certificate, log, [])
         under, _ = self._under_rows(found.points, make, check, progress, clock, budget.part(ROWS_SHARE))
@@ -214,7 +218,8 @@ class InteriorSolver:
                     budget=budget,
                 )
             log += entries
-            complete = complete and certificate.injective and self._linear.issuperset(rows.without)
+            kept = self._linear.issuperset(rows.without) and not rows.collapsed
+            complete = complete and certificate.injective and kept
             if budget.expired() or (rounds == 1 and not complete):
                 break
         return InteriorMap(points, certificate, log, [], rows), complete
