@@ -32,7 +32,7 @@ MEMORY = 2 * 2**30
 #: Larger models are only read: this is about readers, and hundreds of inputs a second find more than a few.
 CERTIFIED_POINTS = 400
 LAYOUT_POINTS = 200
-#: det J below minus this part of its mean is clearly negative.
+#: det J below minus this part of its largest value is clearly negative.
 CLEAR = 1e-6
 
 #: Numbers and tags.
@@ -56,8 +56,11 @@ def multipatch(data: bytes) -> None:
     json.loads(json_text(content), parse_constant=_refuse)
     if certificate.status == "certified":
         for patch, sign in zip(model.patches, model.topology.orientation, strict=True):
-            determinants = sign * sampled(patch)
-            assert (determinants >= -CLEAR * np.abs(determinants).mean()).all(), "certified, but folded"
+            # Samples of huge models overflow, which says nothing about them.
+            with np.errstate(all="ignore"):
+                determinants = sign * sampled(patch)
+            largest = np.abs(determinants).max()
+            assert not np.isfinite(largest) or (determinants >= -CLEAR * largest).all(), "certified, but folded"
 
 
 def sampled(patch: pt.Patch) -> np.ndarray:

@@ -71,7 +71,7 @@ LAYOUTS = {
 def test_layouts(files, case):
     text, message = LAYOUTS[case]
     (files / "layout.json").write_text(text)
-    failed(run("build", files / "layout.json", "-o", files / "out.xml"), 2, message)
+    failed(run("build", files / "layout.json", "-o", files / "out.xml"), 2, rf"layout\.json: .*({message})")
     assert not (files / "out.xml").exists()
 
 

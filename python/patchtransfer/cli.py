@@ -178,15 +178,18 @@ def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | Non
         check_outputs(model=output, picture=plot_path, report=json_path)
         given = io.read_layout(layout)
         keep_inputs([layout, given.boundary_file], [output, plot_path, json_path])
-        result = from_layout(
-            given.vertices,
-            given.quads,
-            given.boundary,
-            given.degree,
-            given.spans,
-            assignment=given.assignment,
-            on_failure="return" if keep_uncertified else "raise",
-        )
+        try:
+            result = from_layout(
+                given.vertices,
+                given.quads,
+                given.boundary,
+                given.degree,
+                given.spans,
+                assignment=given.assignment,
+                on_failure="return" if keep_uncertified else "raise",
+            )
+        except InputError as error:
+            raise InputError(f"{layout}: {error}") from None
         with all_or_nothing(output, plot_path, json_path):
             if plot_path is not None:
                 plot.savefig(plot.multipatch(result.multipatch), plot_path)
