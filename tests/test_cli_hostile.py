@@ -236,6 +236,22 @@ def test_numbers_that_json_has_not_are_null(files):
     assert json.loads(json_text(content)) == {"a": [None, [1.5, None]], "b": {"c": None}, "d": None}
 
 
+def test_weights_whose_slopes_overflow(files):
+    """The side is glued to the patch itself; its tangents are infinite, and so nothing is known of its smoothness."""
+    knots = ([0, 0, 1, 1], [0, 0, 0.5, 1, 1])
+    points = [[[0, 0], [0, 0.5], [0, 1]], [[1, 0], [1, 0.5], [1, 1]]]
+    moved = np.array(points) + np.array([1, 0])
+    weights = [[1, 1, 1], [1, 5e-324, 1]], [[1, 5e-324, 1], [1, 1, 1]]
+    patches = [pt.Patch(knots, (1, 1), p, w) for p, w in zip((points, moved), weights, strict=True)]
+    model = pt.MultiPatch(patches)
+    assert len(model.interfaces) == 1
+    assert not np.isfinite(pt.check_continuity(model).as_g1_residual)
+    pt.write(model, files / "b.xml")
+    result = run("check", files / "b.xml", "--json", "-")
+    assert result.exit_code in (0, 1), result.output
+    assert json.loads(result.stdout)["continuity"]["as_g1_residual"] is None
+
+
 def test_own_warnings_are_one_line_and_others_none(files, monkeypatch):
     text = (files / "a.xml").read_text()
     block = re.search("<MultiPatch.*</MultiPatch>", text, re.DOTALL)[0]

@@ -6,6 +6,7 @@ written with status 2, nor with 1 unless ``--keep-uncertified``.
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from typing import TYPE_CHECKING, Any
@@ -363,7 +364,7 @@ def _summary(content: dict[str, Any], output: str | None) -> None:
 
 
 def _number(x: float | None) -> str:
-    return "-" if x is None else f"{x:.4g}"
+    return "-" if x is None or math.isnan(x) else f"{x:.4g}"
 
 
 @main.command()

@@ -225,13 +225,16 @@ def _gluing(
     largest[largest == 0] = 1.0
     v = (v / largest[:, None, None])[..., OF_VECTOR]
     flat = (v * samples.weighted[:, None]).reshape(len(v), -1, len(OF_VECTOR))
-    _, sigma, vt = svd(flat)
-    x = _nearest_to_one(sigma, vt)
+    # Vectors of absurd weights overflow; of those sides nothing is known.
+    known = np.isfinite(flat).all(axis=(1, 2))
+    _, sigma, vt = svd(np.where(known[:, None, None], flat, 0.0))
+    x = np.where(known[:, None], _nearest_to_one(sigma, vt), np.nan)
     dv = (np.stack([slope[:, ENDS] for slope in slopes], axis=3) / largest[:, None, None])[..., OF_VECTOR]
     rows = v[:, ENDS] * samples.ends
     slope_rows = dv * samples.ends + v[:, ENDS] * samples.end_slopes
     at_ends = [norms((m * x[:, None, None]).sum(axis=3)) for m in (rows, slope_rows)]
-    return sigma[:, -1] / sigma[:, 0], x, np.stack(at_ends, axis=2)
+    residual = np.divide(sigma[:, -1], sigma[:, 0], out=np.full(len(sigma), np.nan), where=known)
+    return residual, x, np.stack(at_ends, axis=2)
 
 
 class _Samples(NamedTuple):
