@@ -15,8 +15,8 @@ import numpy as np
 from registration_cases import Case, cases, correspondence_error
 
 from patchtransfer import TransferError, TransferPlan
-from patchtransfer.fitting import FittedBoundary, fit_boundary
-from patchtransfer.registration import Registration, register
+from patchtransfer.fitting.fit import FittedBoundary, fit_boundary
+from patchtransfer.registration.register import Registration, register
 
 TEXT = """# Registration, measured
 
@@ -86,8 +86,8 @@ def transfer_with(case: Case, plan: TransferPlan, registration: Registration, ch
         return fit_boundary(*arguments, parameters=choice[1], **options)
 
     with (
-        patch("patchtransfer.transfer.fit_boundary", fit),
-        patch("patchtransfer.transfer.register", lambda *_, **__: registration),
+        patch("patchtransfer.pipeline.plan.fit_boundary", fit),
+        patch("patchtransfer.pipeline.plan.register", lambda *_, **__: registration),
     ):
         try:
             fixed = choice[2] == "fixed"

@@ -10,8 +10,8 @@ import numpy as np
 
 import patchtransfer as pt
 from patchtransfer import examples
+from patchtransfer.geometry.basis import greville
 from patchtransfer.iga import biharmonic, poisson
-from patchtransfer.splines import greville
 
 TASKS = Path("/proc/self/task")
 

@@ -10,8 +10,8 @@ import numpy as np
 import exact
 import exact_loops
 from patchtransfer import BSplineCurve, Certificate, MultiPatch, Patch, Side
-from patchtransfer.certificate import Cell
-from patchtransfer.multipatch import Interface
+from patchtransfer.geometry.sides import Interface
+from patchtransfer.proof.certificate import Cell
 
 #: Where the sides start and end: corners (i, j) numbered 2 i + j.
 ENDS = {Side.WEST: (0, 1), Side.EAST: (2, 3), Side.SOUTH: (0, 2), Side.NORTH: (1, 3)}

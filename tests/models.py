@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from patchtransfer import MultiPatch, Patch
-from patchtransfer.splines import collocation_matrix
+from patchtransfer.geometry.basis import collocation_matrix
 from strategies import turned
 
 #: (u, v) in [0, 1]² to the plane, arrays in, (..., 2) out.

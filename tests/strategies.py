@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import targets
 from patchtransfer import Boundary, BSplineCurve, InputError, MultiPatch, Patch, QuadLayout
-from patchtransfer.splines import reverse_knots
+from patchtransfer.geometry.basis import reverse_knots
 
 #: Awkward but harmless numbers: long decimals, tiny and large magnitudes.
 coordinates = st.floats(-1e6, 1e6, allow_nan=False)

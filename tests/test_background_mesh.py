@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from patchtransfer import InputError, MultiPatch, Patch, _core
-from patchtransfer.background_mesh import TriangleMesh, source_mesh, target_mesh
+from patchtransfer.mesh.background_mesh import TriangleMesh, source_mesh, target_mesh
 
 BEZIER = [0.0] * 4 + [1.0] * 4
 

@@ -6,9 +6,9 @@ from hypothesis.extra.numpy import arrays
 from scipy.sparse import csc_array
 
 from patchtransfer import InputError, _core
-from patchtransfer.background_mesh import TriangleMesh, target_mesh
-from patchtransfer.bounded_distortion import remove_foldovers
-from patchtransfer.harmonic import mesh_harmonic_map
+from patchtransfer.mesh.background_mesh import TriangleMesh, target_mesh
+from patchtransfer.mesh.harmonic import mesh_harmonic_map
+from patchtransfer.paper.bounded_distortion import remove_foldovers
 
 
 def grid_mesh(n):

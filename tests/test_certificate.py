@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import patchtransfer as pt
-from patchtransfer.certificate import check_boundary
-from patchtransfer.source_corners import straighten_source
-from patchtransfer.splines import Patch
+from patchtransfer.geometry.patch import Patch
+from patchtransfer.proof.certificate import check_boundary
+from patchtransfer.proof.source_corners import straighten_source
 
 BEZIER = {p: [0.0] * (p + 1) + [1.0] * (p + 1) for p in (1, 2, 3)}
 BILINEAR = (BEZIER[1], BEZIER[1])

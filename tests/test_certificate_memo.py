@@ -12,9 +12,10 @@ import pytest
 import models
 import patchtransfer as pt
 import targets
-from patchtransfer import BSplineCurve, MultiPatch, Patch, certificate
-from patchtransfer.certificate import _check_boundary, _Loops, certify, check_boundary
-from patchtransfer.topology import Topology
+from patchtransfer import BSplineCurve, MultiPatch, Patch
+from patchtransfer.geometry.topology import Topology
+from patchtransfer.proof import certificate
+from patchtransfer.proof.certificate import _check_boundary, _Loops, certify, check_boundary
 
 LINE = [0.0, 0.0, 1.0, 1.0]
 QUADRATIC = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
@@ -37,13 +38,13 @@ def chains(loops) -> _Loops:
 def proofs(monkeypatch):
     """The core's proofs that are really made, on an empty memo."""
     made = []
-    original = certificate._core.certify_loops
+    original = certificate.certify_loops
 
     def counted(loops):
         made.append(loops)
         return original(loops)
 
-    monkeypatch.setattr(certificate._core, "certify_loops", counted)
+    monkeypatch.setattr(certificate, "certify_loops", counted)
     _check_boundary.cache_clear()
     yield made
     _check_boundary.cache_clear()

@@ -15,7 +15,7 @@ import models
 import patchtransfer as pt
 import targets
 from patchtransfer.cli import main
-from patchtransfer.interior import InteriorSolver
+from patchtransfer.interior.solver import InteriorSolver
 from test_transfer import SLOT, eight, folded_source, moved_hole, notched, plate, rational_source
 
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -17,8 +17,9 @@ import pytest
 import models
 import patchtransfer as pt
 import targets
+from patchtransfer import files as whole_files
 from patchtransfer import interruption, limits
-from patchtransfer.io import atomic, points, safe_xml
+from patchtransfer.io import points, safe_xml
 from patchtransfer.io.json_text import json_text
 from patchtransfer.io.loops import chain
 from test_cli import failed, run
@@ -117,7 +118,7 @@ def test_pictures(files, case):
 
 
 def test_a_scanned_outline_with_thousands_of_corners(files, monkeypatch):
-    monkeypatch.setattr("patchtransfer.registration.MAX_CORNERS", 100)
+    monkeypatch.setattr("patchtransfer.registration.register.MAX_CORNERS", 100)
     (files / "target.svg").write_text(drawing('<path d="M0 0' + "h1v1" * 60 + 'V-1H0z"/>'))
     result = run("transfer", files / "a.xml", files / "target.svg", "-o", files / "out.xml")
     failed(result, 2, "corners of loop 0 of the target boundary, at most 100")
@@ -181,7 +182,7 @@ def test_bounds_of_points(files):
 
 
 def test_large_and_endless_files(files, monkeypatch):
-    monkeypatch.setattr(atomic, "MAX_FILE_BYTES", 2**20)
+    monkeypatch.setattr(whole_files, "MAX_FILE_BYTES", 2**20)
     (files / "large.xml").write_bytes(b"<" * (2**20 + 1))
     failed(run("check", files / "large.xml"), 2, r"large\.xml: larger than 1 MB")
     if os.path.exists("/dev/zero"):

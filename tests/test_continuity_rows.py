@@ -14,13 +14,15 @@ from hypothesis import strategies as st
 import models
 import patchtransfer as pt
 import targets
-from patchtransfer import constrained, examples, interior
-from patchtransfer.constrained import best_under_rows
-from patchtransfer.continuity import ContinuityRows, c1_rows
-from patchtransfer.gluing import ControlRows, chord_ratios, control_rows
-from patchtransfer.null_space import row_space
-from patchtransfer.optimize import SplineOptimizer
-from patchtransfer.splines import collocation_matrix, knot_spans
+from patchtransfer import examples
+from patchtransfer.continuity.interfaces import ControlRows, chord_ratios, control_rows
+from patchtransfer.continuity.null_space import row_space
+from patchtransfer.continuity.rows import ContinuityRows, c1_rows
+from patchtransfer.geometry.basis import collocation_matrix, knot_spans
+from patchtransfer.interior import solver as interior
+from patchtransfer.interior import under_rows as constrained
+from patchtransfer.interior.optimizer import SplineOptimizer
+from patchtransfer.interior.under_rows import best_under_rows
 from strategies import deformations, layouts
 from test_continuity_report import bicubic, cut, turned
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import models
 import targets
 from patchtransfer import Boundary, BSplineCurve, examples, read, transfer
-from patchtransfer.registration import register
+from patchtransfer.registration.register import register
 from test_outline import polygon
 from test_registration import SQUARE, loop, quick
 from test_splines import circle

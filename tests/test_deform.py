@@ -7,7 +7,7 @@ import models
 import patchtransfer as pt
 import targets
 from patchtransfer import Deformer, InfeasibleTargetError, InputError, NotCertifiedError, deform, examples
-from patchtransfer.outline import Outline
+from patchtransfer.geometry.outline import Outline
 
 
 def outline(mp, loop=0):

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import csc_array, random_array
 
-from patchtransfer import dense
-from patchtransfer.definite import DefiniteFactor
+from patchtransfer.numeric import dense
+from patchtransfer.numeric.definite import DefiniteFactor
 
 sizes = st.integers(1, 24)
 

@@ -4,9 +4,9 @@ from scipy.optimize import minimize
 from scipy.sparse import csc_array
 
 from patchtransfer import InputError
-from patchtransfer.background_mesh import TriangleMesh, target_mesh
-from patchtransfer.distortion_descent import minimise_distortion
-from patchtransfer.harmonic import mesh_harmonic_map
+from patchtransfer.mesh.background_mesh import TriangleMesh, target_mesh
+from patchtransfer.mesh.harmonic import mesh_harmonic_map
+from patchtransfer.paper.distortion_descent import minimise_distortion
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 

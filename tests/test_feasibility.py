@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import models
 import patchtransfer as pt
-from patchtransfer.feasibility import check_corners, check_loops, corner_report
+from patchtransfer.proof.feasibility import check_corners, check_loops, corner_report
 
 LINE = [0, 0, 1, 1]
 CUBIC = [0, 0, 0, 0, 1, 1, 1, 1]
@@ -135,7 +135,7 @@ def test_a_crossing_is_told_before_landmarks_are_blamed(monkeypatch):
     backwards = np.array([[*starts[0], *hole[0]], [*starts[2], *hole[3]], [*starts[4], *hole[1]]])
     plan = pt.TransferPlan(mp, "c0")
     # And at once: no correspondence is looked for.
-    monkeypatch.setattr(sys.modules["patchtransfer.transfer"], "register", None)
+    monkeypatch.setattr(sys.modules["patchtransfer.pipeline.plan"], "register", None)
     for landmarks in (None, backwards):
         with pytest.raises(pt.InfeasibleTargetError, match=r"boundary loop 1 crosses itself at .*curve \d.*curve \d"):
             plan.transfer(target, landmarks)

@@ -7,9 +7,9 @@ from scipy.interpolate import BSpline
 import models
 import targets
 from patchtransfer import Boundary, BSplineCurve, InputError, MultiPatch, Patch
-from patchtransfer.fitting import fit_boundary
-from patchtransfer.outline import Outline, hausdorff
-from patchtransfer.registration import register
+from patchtransfer.fitting.fit import fit_boundary
+from patchtransfer.geometry.outline import Outline, hausdorff
+from patchtransfer.registration.register import register
 from test_outline import polygon
 
 

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 import models
 import patchtransfer as pt
 import targets
-from patchtransfer.g1 import check_g1_space, g1_rows, gluing_data
-from patchtransfer.g1_conditions import evaluated
-from patchtransfer.gluing import control_rows
-from patchtransfer.null_space import row_space
+from patchtransfer.continuity.conditions import evaluated
+from patchtransfer.continuity.g1 import check_g1_space, g1_rows, gluing_data
+from patchtransfer.continuity.interfaces import control_rows
+from patchtransfer.continuity.null_space import row_space
 from strategies import deformations, layouts
 from test_continuity_rows import cross, jiggled
 
@@ -108,7 +108,7 @@ def test_open_twists_would_cost_a_degree_of_freedom():
     x = itself(mp, "c1").multipatch.topology.coordinates
     control = control_rows(t)
     closed = row_space(g1_rows(t, control, x), t.interior_points, x)
-    import patchtransfer.g1 as module
+    import patchtransfer.continuity.g1 as module
 
     data = gluing_data(t, control, x)
     data.coefficients[0, 5] += 0.05

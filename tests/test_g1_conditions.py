@@ -13,11 +13,11 @@ import models
 import patchtransfer as pt
 import targets
 from patchtransfer import examples
-from patchtransfer.g1 import g1_rows
-from patchtransfer.g1_conditions import conditions, evaluated
-from patchtransfer.gluing import ControlRows, control_rows
-from patchtransfer.null_space import RowSpace, row_space
-from patchtransfer.splines import Patch
+from patchtransfer.continuity.conditions import conditions, evaluated
+from patchtransfer.continuity.g1 import g1_rows
+from patchtransfer.continuity.interfaces import ControlRows, control_rows
+from patchtransfer.continuity.null_space import RowSpace, row_space
+from patchtransfer.geometry.patch import Patch
 from test_g1 import SPACES, with_freedom
 
 #: Symmetric ones among them: a : b is constant, or c zero, to rounding or to what the optimiser leaves.

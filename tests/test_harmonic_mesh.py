@@ -8,8 +8,8 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import spsolve
 
 from patchtransfer import InputError
-from patchtransfer.background_mesh import TriangleMesh, target_mesh
-from patchtransfer.harmonic import mesh_harmonic_map
+from patchtransfer.mesh.background_mesh import TriangleMesh, target_mesh
+from patchtransfer.mesh.harmonic import mesh_harmonic_map
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 

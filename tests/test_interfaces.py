@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import models
 from patchtransfer import InputError, Interface, MultiPatch, Patch, Side, certify
-from patchtransfer.interfaces import infer_interfaces
+from patchtransfer.geometry.interfaces import infer_interfaces
 from strategies import turned
 
 K = [0, 0, 1, 1]

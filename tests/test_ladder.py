@@ -15,8 +15,9 @@ import pytest
 import models
 import patchtransfer as pt
 import targets
-from patchtransfer import MultiPatch, optimize
-from patchtransfer.optimize import SplineOptimizer
+from patchtransfer import MultiPatch
+from patchtransfer.interior import optimizer as optimize
+from patchtransfer.interior.optimizer import SplineOptimizer
 
 RUNGS = ("optimise", "nodes added where the proof failed", "twice the nodes", "area weight 1", "continuation")
 

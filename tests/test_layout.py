@@ -13,7 +13,7 @@ from click.testing import CliRunner
 import models
 import patchtransfer as pt
 from patchtransfer.cli import main
-from patchtransfer.layout import rectangles
+from patchtransfer.sources.layout import rectangles
 
 # Three quads around an interior vertex: a hexagon.
 HEXAGON = np.array([[0, 0], *[[np.cos(a), np.sin(a)] for a in np.arange(6) * np.pi / 3]])

@@ -12,11 +12,12 @@ import models
 import patchtransfer as pt
 import strategies
 import targets
-from patchtransfer import InputError, MultiPatch, NotCertifiedError, Patch, animation, examples
-from patchtransfer.background_mesh import source_mesh
+from patchtransfer import InputError, MultiPatch, NotCertifiedError, Patch, examples
 from patchtransfer.cli import main
-from patchtransfer.morph import morph
-from patchtransfer.rigid_blend import RigidBlend, Similarity
+from patchtransfer.mesh.background_mesh import source_mesh
+from patchtransfer.motion.morph import morph
+from patchtransfer.motion.rigid_blend import RigidBlend, Similarity
+from patchtransfer.plot import animation
 
 
 def moved(mp, f):

@@ -17,8 +17,8 @@ import models
 import targets
 from patchtransfer import MultiPatch, Patch, certify
 from patchtransfer.errors import InputError
-from patchtransfer.optimize import AREA_WEIGHT, SplineOptimizer, degenerate_corners, optimize_with_ladder
-from patchtransfer.splines import collocation_matrix
+from patchtransfer.geometry.basis import collocation_matrix
+from patchtransfer.interior.optimizer import AREA_WEIGHT, SplineOptimizer, degenerate_corners, optimize_with_ladder
 
 NAMES = ["grid p2", "plate with hole p2", "o-grid p3", "star of valence 5, p3", "l-shape p3"]
 
@@ -368,7 +368,7 @@ import numpy as np
 sys.path.insert(0, sys.argv[1])
 from patchtransfer import _core
 import models, targets
-from patchtransfer.optimize import SplineOptimizer
+from patchtransfer.interior.optimizer import SplineOptimizer
 _core.set_threads(int(sys.argv[2]))
 for mp in (models.o_grid(3, 4), models.plate_with_hole(2, 5)):
     t = mp.topology

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 
 import models
 from patchtransfer import BSplineCurve
-from patchtransfer.outline import Outline, hausdorff
+from patchtransfer.geometry.outline import Outline, hausdorff
 from strategies import boundaries
 from test_splines import circle
 

@@ -8,9 +8,9 @@ import models
 import patchtransfer as pt
 import targets
 from patchtransfer import InputError, TransferPlan, _core, examples
-from patchtransfer.background_mesh import TriangleMesh, source_mesh
-from patchtransfer.harmonic import mesh_harmonic_map
-from patchtransfer.paper_method import frozen_points, paper_map
+from patchtransfer.mesh.background_mesh import TriangleMesh, source_mesh
+from patchtransfer.mesh.harmonic import mesh_harmonic_map
+from patchtransfer.paper.method import frozen_points, paper_map
 
 
 def deformed_start(mp, f):

@@ -173,7 +173,7 @@ before = settings()
 assert pt.plot.png(mp)
 assert settings() == before
 assert "matplotlib.pyplot" not in sys.modules
-import patchtransfer.quality
+import patchtransfer.measure.quality
 assert callable(pt.quality) and pt.quality(mp).scaled_jacobian.min == 1
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

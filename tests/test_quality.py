@@ -14,7 +14,8 @@ from scipy.interpolate import BSpline, NdBSpline
 import models
 import patchtransfer as pt
 from patchtransfer import _core
-from patchtransfer.quality import quality, sample, span_basis
+from patchtransfer.geometry.basis import span_basis
+from patchtransfer.measure.quality import quality, sample
 
 KNOTS = [0, 0, 0, 0.3, 1, 1, 1]
 C0_KNOTS = [0, 0, 0, 0.5, 0.5, 1, 1, 1]

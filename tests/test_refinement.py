@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 import models
 import patchtransfer as pt
 import targets
-from patchtransfer.fitting import fit_boundary
-from patchtransfer.refinement import insert_in_strips, missed_spans, refine_uniformly, strips
-from patchtransfer.registration import register
+from patchtransfer.fitting.fit import fit_boundary
+from patchtransfer.fitting.refinement import insert_in_strips, missed_spans, refine_uniformly, strips
+from patchtransfer.registration.register import register
 
 
 def inserted(mp: pt.MultiPatch, knots) -> pt.MultiPatch:

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 import models
 import targets
 from patchtransfer import Boundary, BSplineCurve, InfeasibleTargetError, InputError
-from patchtransfer.outline import Outline
-from patchtransfer.registration import register
+from patchtransfer.geometry.outline import Outline
+from patchtransfer.registration.register import register
 from test_outline import polygon
 from test_splines import circle
 

@@ -21,12 +21,12 @@ import patchtransfer as pt
 import targets
 from patchtransfer import examples
 from patchtransfer.cli import main
-from patchtransfer.fitting import FREE, STIFF, fit_boundary
+from patchtransfer.fitting.fit import FREE, STIFF, fit_boundary
 
 # The package exports the function under the module's name.
-from patchtransfer.refinement import refine_uniformly
-from patchtransfer.registration import register
-from patchtransfer.transfer import MISSED
+from patchtransfer.fitting.refinement import refine_uniformly
+from patchtransfer.pipeline.plan import MISSED
+from patchtransfer.registration.register import register
 from test_transfer import SLOT, notched
 
 
@@ -155,7 +155,7 @@ def test_interrupt_while_the_core_runs(tmp_path):
     # Imports may take long on a loaded machine, and are not what is interrupted here.
     # A shell's background jobs, and what they start, ignore Ctrl-C.
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    code = f"{heed}; import patchtransfer.transfer, patchtransfer.cli as c; print('ready', flush=True); c.main()"
+    code = f"{heed}; import patchtransfer.pipeline.plan, patchtransfer.cli as c; print('ready', flush=True); c.main()"
     command = [sys.executable, "-c", code, "transfer", "s.xml", "t.xml", "-o", "out.xml"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(command, cwd=tmp_path, env=os.environ, **pipes) as process:

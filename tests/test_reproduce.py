@@ -15,7 +15,7 @@ from click.testing import CliRunner
 import patchtransfer as pt
 from patchtransfer import examples, reproduce
 from patchtransfer.errors import InputError
-from patchtransfer.proportions import condition_number_to_scale, strips
+from patchtransfer.reproduce.proportions import condition_number_to_scale, strips
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,10 @@ import models
 import patchtransfer as pt
 import targets
 from patchtransfer import InputError
-from patchtransfer.budget import Budget
-from patchtransfer.clock import Clock
-from patchtransfer.outline import Outline
-from patchtransfer.registration import register
-from patchtransfer.sliding import _modes, movable_joints
+from patchtransfer.geometry.outline import Outline
+from patchtransfer.pipeline.sliding import _modes, movable_joints
+from patchtransfer.progress import Budget, Clock
+from patchtransfer.registration.register import register
 
 
 def energy_log(result: pt.TransferResult) -> tuple[float, float]:

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline, NdBSpline, PPoly
 
 from patchtransfer import BSplineCurve, InputError, Patch
-from patchtransfer.packing import pack_curves, pack_patches, unpack_curves, unpack_patches
-from patchtransfer.splines import collocation_matrix, knot_spans
+from patchtransfer.geometry.basis import collocation_matrix, knot_spans
+from patchtransfer.geometry.packing import pack_curves, pack_patches, unpack_curves, unpack_patches
 from strategies import boundaries, curves, multipatches, patches
 
 quick = settings(max_examples=30, deadline=None)

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 import models
 import patchtransfer as pt
-from patchtransfer.source_corners import certify_straight
-from patchtransfer.splines import Patch
-from patchtransfer.straight_corners import Triangles, straighten
+from patchtransfer.geometry.patch import Patch
+from patchtransfer.geometry.straight_corners import Triangles, straighten
+from patchtransfer.proof.source_corners import certify_straight
 
 BEZIER = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
 LINE = [0.0, 0.0, 1.0, 1.0]

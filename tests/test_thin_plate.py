@@ -6,10 +6,10 @@ from scipy.interpolate import RBFInterpolator
 
 import models
 import targets
-from patchtransfer.boundary_shape import BoundaryShape, image_of
-from patchtransfer.inner_distances import slide
-from patchtransfer.outline import Outline
-from patchtransfer.thin_plate import Bending, bending_matrix
+from patchtransfer.geometry.outline import Outline
+from patchtransfer.registration.inner_distances import slide
+from patchtransfer.registration.sampled_boundary import BoundaryShape, image_of
+from patchtransfer.registration.thin_plate import Bending, bending_matrix
 
 
 def cloud(n, seed=1):

@@ -67,4 +67,4 @@ def test_the_package_leaves_no_matrix_to_blas():
                     bad.append(f"{at}: einsum with options")
                 case ast.ImportFrom(module="scipy.linalg" | "scipy.sparse.linalg" | "numpy.linalg"):
                     bad.append(f"{at}: {node.module}")
-    assert bad == [], "use patchtransfer.dense and patchtransfer.definite"
+    assert bad == [], "use patchtransfer.numeric.dense and patchtransfer.numeric.definite"

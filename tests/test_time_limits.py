@@ -11,15 +11,15 @@ from click.testing import CliRunner
 import models
 import patchtransfer as pt
 import targets
-from patchtransfer import InputError, MultiPatch, NotCertifiedError, budget, io
+from patchtransfer import InputError, MultiPatch, NotCertifiedError, io, progress
 from patchtransfer.batch import BatchOptions, run_batch
-from patchtransfer.budget import Budget
-from patchtransfer.certificate import check_boundary
 from patchtransfer.cli import main
-from patchtransfer.constrained import optimize_under_rows
-from patchtransfer.failures import no_proof
-from patchtransfer.interior import InteriorSolver
-from patchtransfer.optimize import SplineOptimizer, optimize_with_ladder, step_cost
+from patchtransfer.interior.optimizer import SplineOptimizer, optimize_with_ladder, step_cost
+from patchtransfer.interior.solver import InteriorSolver
+from patchtransfer.interior.under_rows import optimize_under_rows
+from patchtransfer.pipeline.failures import no_proof
+from patchtransfer.progress import Budget
+from patchtransfer.proof.certificate import check_boundary
 from test_ladder import CASES, given_boundary, strip
 
 SWIRL = ((0.5559415, 0.80298034), -500 * 0.6875, 0.5666576758324919)
@@ -111,10 +111,10 @@ def test_work_is_counted_in_nodes():
     assert step_cost(mp.patches, 2, [(0, 0.1, 0.2)] * 10) == spans * 5**2 + 10 * 2 * 9
     assert SplineOptimizer(mp.topology, nodes_per_degree=4).step_cost == step_cost(mp.patches, 4)
     small, large = Budget.of_source(1.0), Budget.of_source(1e6)
-    assert small.work == budget.WORK
-    assert large.work == 1e6 * budget.STEPS
+    assert small.work == progress.WORK
+    assert large.work == 1e6 * progress.STEPS
     half = large.part(0.5)
-    assert half.steps(1e6, 10**9) == budget.STEPS / 2
+    assert half.steps(1e6, 10**9) == progress.STEPS / 2
     half.spend(half.work - 2.5e6)
     assert (half.steps(1e6, 200), half.steps(1e6, 1), half.steps(3e6, 200)) == (2, 1, 0)
     half.renew()
@@ -154,8 +154,8 @@ def test_the_ladder_keeps_to_its_budget(work):
 def test_a_transfer_without_hope_keeps_to_its_budget(continuity, monkeypatch):
     mp, target, landmarks = hopeless()
     cost, counted, steps = step_cost(mp.patches), Counted(), 300
-    monkeypatch.setattr(budget, "WORK", 0.0)
-    monkeypatch.setattr(budget, "STEPS", steps)
+    monkeypatch.setattr(progress, "WORK", 0.0)
+    monkeypatch.setattr(progress, "STEPS", steps)
     with pytest.raises(NotCertifiedError, match="stopped by the budget of Newton steps") as failure:
         pt.transfer(mp, target, landmarks, continuity, progress=counted)
     result = failure.value.result

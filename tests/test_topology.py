@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import models
 from patchtransfer import Boundary, InputError, Interface, MultiPatch, Patch, Side
-from patchtransfer.areas import polygon_area, signed_areas
+from patchtransfer.geometry.areas import polygon_area, signed_areas
 from strategies import multipatches, patches, turned
 
 K = [0, 0, 1, 1]

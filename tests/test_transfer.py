@@ -19,9 +19,9 @@ from patchtransfer import (
     InputError,
     NotCertifiedError,
     examples,
-    interior,
 )
-from patchtransfer.outline import Outline, hausdorff
+from patchtransfer.geometry.outline import Outline, hausdorff
+from patchtransfer.interior import solver
 from strategies import knot_vectors, turned
 from test_outline import polygon
 from test_splines import circle
@@ -384,12 +384,12 @@ def test_failures_carry_the_best_map(monkeypatch):
     mp = models.grid(2, 2, 2, 1)
     target, landmarks = targets.deformed(mp, targets.bend(mp, 20))
     plan = pt.TransferPlan(mp)
-    real = interior.certify
+    real = solver.certify
 
     def doubtful(multipatch):
         return replace(real(multipatch), injective=False, status="undecided", reasons=("patch 0 is undecided",))
 
-    monkeypatch.setattr(interior, "certify", doubtful)
+    monkeypatch.setattr(solver, "certify", doubtful)
     with pytest.raises(
         NotCertifiedError, match=r"no certified map was found.*undecided.*patch 0.*refine='auto'"
     ) as caught:
@@ -503,13 +503,13 @@ def test_real_models_by_the_paper():
 def test_optimizers_under_rows_are_reused_and_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     source = examples.load("rabbit")[0]
     made: list[bool] = []
-    original = interior.SplineOptimizer.__init__
+    original = solver.SplineOptimizer.__init__
 
-    def counted(self: interior.SplineOptimizer, *args: object, **options: object) -> None:
+    def counted(self: solver.SplineOptimizer, *args: object, **options: object) -> None:
         made.append(options.get("null_space") is not None)
         original(self, *args, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(interior.SplineOptimizer, "__init__", counted)
+    monkeypatch.setattr(solver.SplineOptimizer, "__init__", counted)
     plan = pt.TransferPlan(source)
     pairs = [targets.deformed(source, targets.bend(source, angle), seed=4) for angle in (15, 16, 15)]
     results = [plan.transfer(*pair) for pair in pairs]

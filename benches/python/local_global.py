@@ -17,8 +17,8 @@ from plan_map import seconds
 from triangulation import grid
 
 from patchtransfer import _core
-from patchtransfer.background_mesh import TriangleMesh
-from patchtransfer.harmonic import mesh_solver
+from patchtransfer.mesh.background_mesh import TriangleMesh
+from patchtransfer.mesh.harmonic import mesh_solver
 
 #: Steps in a run, and the bound of the conformal distortion; with it no run is free of flips, which would end it.
 STEPS, BOUND = 5, 1.2

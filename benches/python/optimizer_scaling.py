@@ -26,8 +26,8 @@ from transfer_yeti import SciPyOptimizer, bend, gismo
 
 import patchtransfer as pt
 from patchtransfer import _core, examples
-from patchtransfer.optimize import SplineOptimizer
-from patchtransfer.refinement import refine_uniformly
+from patchtransfer.fitting.refinement import refine_uniformly
+from patchtransfer.interior.optimizer import SplineOptimizer
 
 #: Largest number of unknown points at which a peer is still run.
 LIMITS = {"SuperLU": 40_000, "CHOLMOD": 40_000, "G+Smo": 2_000}

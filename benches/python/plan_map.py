@@ -23,7 +23,7 @@ from transfer_yeti import bent_boundary
 
 import patchtransfer as pt
 from patchtransfer import _core, examples
-from patchtransfer.refinement import refine_uniformly
+from patchtransfer.fitting.refinement import refine_uniformly
 
 Given = list[tuple[pt.Boundary, np.ndarray]]
 

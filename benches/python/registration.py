@@ -13,8 +13,8 @@ from statistics import median
 import numpy as np
 
 from patchtransfer import Boundary, BSplineCurve
-from patchtransfer.fitting import fit_boundary
-from patchtransfer.registration import register
+from patchtransfer.fitting.fit import fit_boundary
+from patchtransfer.registration.register import register
 
 KNOTS = np.array([0.0, 0, 0, 0, 1, 1, 1, 1])
 RUNS = 5

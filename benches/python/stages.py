@@ -26,7 +26,7 @@ from transfer_yeti import SciPyOptimizer, bent_boundary, median_time
 
 import patchtransfer as pt
 from patchtransfer import _core
-from patchtransfer.optimize import SplineOptimizer
+from patchtransfer.interior.optimizer import SplineOptimizer
 
 STAGES = ("registration", "feasibility", "fitting", "optimisation", "certificate", "quality", "continuity report")
 #: Largest number of unknown points at which SuperLU is still run.

@@ -23,8 +23,8 @@ from scipy.sparse.linalg import splu
 
 import patchtransfer as pt
 from patchtransfer import examples
-from patchtransfer.optimize import AREA_WEIGHT, SplineOptimizer
-from patchtransfer.splines import knot_spans
+from patchtransfer.geometry.basis import knot_spans
+from patchtransfer.interior.optimizer import AREA_WEIGHT, SplineOptimizer
 
 
 def bend(points: np.ndarray, box: tuple[np.ndarray, np.ndarray], angle: float) -> np.ndarray:

@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 
 from patchtransfer import _core, examples
-from patchtransfer.refinement import refine_uniformly
+from patchtransfer.fitting.refinement import refine_uniformly
 
 Case = tuple[np.ndarray, list[np.ndarray]]
 

@@ -8,7 +8,7 @@ degree and a number of control points of its own, whatever those of the geometry
 
 import patchtransfer as pt
 from patchtransfer import examples, iga
-from patchtransfer.plot_solution import solution
+from patchtransfer.plot import solution
 
 source, target, landmarks = examples.load("rabbit")
 model = pt.transfer(source, target, landmarks).multipatch

@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 
 import patchtransfer as pt
 from patchtransfer import examples, iga
-from patchtransfer.plot_solution import solution
+from patchtransfer.plot import solution
 
 SHAPES, UNSEEN, MODES = 50, 5, 10
 

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from .result import TransferResult
-
-__all__ = ["InfeasibleTargetError", "InputError", "InputWarning", "NotCertifiedError", "TransferError"]
+__all__ = ["InfeasibleTargetError", "InputError", "InputWarning", "TransferError"]
 
 
 class TransferError(Exception):
@@ -24,17 +19,3 @@ class InfeasibleTargetError(TransferError):
 
 class InputWarning(UserWarning):
     """A file says more than is read, or something twice."""
-
-
-class NotCertifiedError(TransferError):
-    """The best map found has no proof of injectivity.
-
-    Attributes
-    ----------
-    result : TransferResult or None
-        The best map found, with its certificate and metrics.
-    """
-
-    def __init__(self, message: str, result: TransferResult | None = None) -> None:
-        super().__init__(message)
-        self.result = result

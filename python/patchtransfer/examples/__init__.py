@@ -10,15 +10,17 @@ import os
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from .. import io, plot
+from .. import io
 from ..errors import InputError
-from ..io.atomic import write_atomic
+from ..files import write_atomic
+from ..geometry.boundary import Boundary
+from ..geometry.multipatch import MultiPatch
 from ..io.json_text import json_text
-from ..multipatch import Boundary, MultiPatch
-from ..optimize import Progress
-from ..result import TransferResult
-from ..splines import FloatArray
-from ..transfer import transfer
+from ..numeric.arrays import FloatArray
+from ..pipeline.plan import transfer
+from ..pipeline.result import TransferResult
+from ..plot import figures as plot
+from ..progress import Progress
 
 __all__ = ["EXAMPLES", "load", "run"]
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_array, csc_array, csr_array
 
-from ..definite import upper_triangle
 from ..errors import InputError
-from ..multipatch import MultiPatch
-from ..splines import FloatArray
+from ..geometry.multipatch import MultiPatch
+from ..numeric.arrays import FloatArray
+from ..numeric.definite import upper_triangle
 from .c1_space import C1Space
 from .nodes import (
     GeometryAt,

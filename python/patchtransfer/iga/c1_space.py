@@ -15,10 +15,10 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array, csr_array, hstack
 from scipy.sparse.csgraph import connected_components
 
-from ..dense import product, svd
 from ..errors import InputError
-from ..multipatch import MultiPatch
-from ..splines import FloatArray, IntArray
+from ..geometry.multipatch import MultiPatch
+from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.dense import product, svd
 from .gluing import Gluing, c1_rows, gluing_of, name_of
 from .space import SplineSpace
 

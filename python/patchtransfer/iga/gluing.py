@@ -17,11 +17,13 @@ from math import factorial
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..dense import product, svd
+from ..continuity.conditions import discontinuities
 from ..errors import InputError
-from ..g1_conditions import discontinuities
-from ..multipatch import Interface, MultiPatch, Side
-from ..splines import FloatArray, greville, knot_spans
+from ..geometry.basis import greville, knot_spans
+from ..geometry.multipatch import MultiPatch
+from ..geometry.sides import Interface, Side
+from ..numeric.arrays import FloatArray
+from ..numeric.dense import product, svd
 from .nodes import gauss
 from .space import SplineSpace, Univariate
 

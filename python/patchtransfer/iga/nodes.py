@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ..dense import product
 from ..errors import InputError
-from ..multipatch import MultiPatch, Side
-from ..splines import FloatArray, Patch
+from ..geometry.multipatch import MultiPatch
+from ..geometry.patch import Patch
+from ..geometry.sides import Side
+from ..numeric.arrays import FloatArray
+from ..numeric.dense import product
 from .space import SplineSpace, Univariate
 
 __all__ = [

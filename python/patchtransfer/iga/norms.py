@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..multipatch import MultiPatch
-from ..splines import FloatArray
+from ..geometry.multipatch import MultiPatch
+from ..numeric.arrays import FloatArray
 from .nodes import GeometryAt, PatchNodes, ScalarFunction, all_nodes, geometry_at, sampled, sampled_vector
 from .space import Field
 

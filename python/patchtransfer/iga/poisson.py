@@ -11,8 +11,8 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from ..errors import InputError
-from ..multipatch import MultiPatch
-from ..splines import FloatArray
+from ..geometry.multipatch import MultiPatch
+from ..numeric.arrays import FloatArray
 from .nodes import GeometryAt, ScalarFunction, all_nodes, boundary_nodes, geometry_at, sampled, sides_at
 from .norms import ErrorNorms, VectorFunction, error_norms
 from .space import Field, SplineSpace

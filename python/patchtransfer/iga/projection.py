@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..multipatch import MultiPatch
+from ..geometry.multipatch import MultiPatch
 from .nodes import ScalarFunction, all_nodes, geometry_at, sampled
 from .space import Field, SplineSpace
 from .system import Assembler, DefiniteSystem

@@ -9,11 +9,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..dense import product
 from ..errors import InputError
-from ..multipatch import Interface, MultiPatch, Side
-from ..splines import FloatArray, IntArray, collocation_matrix, knot_spans
-from ..topology import identify
+from ..geometry.basis import collocation_matrix, knot_spans
+from ..geometry.multipatch import MultiPatch
+from ..geometry.sides import Interface, Side
+from ..geometry.topology import identify
+from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.dense import product
 
 __all__ = ["Field", "SplineSpace", "Univariate"]
 

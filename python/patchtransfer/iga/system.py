@@ -8,11 +8,11 @@ from threading import Lock
 import numpy as np
 from scipy.sparse import coo_array, csc_array
 
-from .. import _core
-from ..definite import upper_triangle
-from ..dense import product
+from .._core import Galerkin, SparseCholesky
 from ..errors import InputError
-from ..splines import FloatArray, IntArray
+from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.definite import upper_triangle
+from ..numeric.dense import product
 from .nodes import PatchNodes, ScalarFunction, SideNodes, sampled
 from .space import SplineSpace
 
@@ -35,7 +35,7 @@ class Assembler:
 
     def __init__(self, space: SplineSpace, nodes: list[PatchNodes]) -> None:
         self.space, self.nodes = space, nodes
-        self._core = _core.Galerkin(
+        self._core = Galerkin(
             [
                 (u.knots, v.knots, u.degree, v.degree, *n.t, np.ascontiguousarray(numbers))
                 for (u, v), n, numbers in zip(space.bases, nodes, space.points, strict=True)
@@ -93,7 +93,7 @@ class DefiniteSystem:
         self._entries = np.flatnonzero(inside)
         counts = np.bincount(number[columns[inside]], minlength=len(self.free))
         offsets = np.concatenate([[0], np.cumsum(counts)])
-        self._factor = _core.SparseCholesky(offsets, np.ascontiguousarray(number[indices[inside]]))
+        self._factor = SparseCholesky(offsets, np.ascontiguousarray(number[indices[inside]]))
         self._lock = Lock()
 
     def solve(self, values: FloatArray, load: FloatArray, known: FloatArray) -> tuple[FloatArray, float]:

@@ -23,10 +23,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError
-from ..multipatch import Boundary, MultiPatch
-from ..splines import FloatArray
+from ..files import read_bytes, write_atomic
+from ..geometry.boundary import Boundary
+from ..geometry.multipatch import MultiPatch
+from ..numeric.arrays import FloatArray
 from . import gismo, points, svg, vtu
-from .atomic import read_bytes, write_atomic
 from .layout_json import LayoutFile, parse_layout
 
 __all__ = ["FORMATS", "Format", "read", "read_boundary", "read_landmarks", "read_layout", "write"]

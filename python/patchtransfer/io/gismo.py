@@ -20,6 +20,11 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import InputError, InputWarning
+from ..geometry.boundary import Boundary
+from ..geometry.curve import BSplineCurve
+from ..geometry.multipatch import MultiPatch
+from ..geometry.patch import Patch
+from ..geometry.sides import Interface, Side
 from ..limits import (
     MAX_ALONG,
     MAX_BOUNDARY_POINTS,
@@ -30,8 +35,7 @@ from ..limits import (
     MAX_PATCHES,
     at_most,
 )
-from ..multipatch import Boundary, Interface, MultiPatch, Side
-from ..splines import BSplineCurve, FloatArray, Patch
+from ..numeric.arrays import FloatArray
 from .loops import TOLERANCE, chain, check_curves, clamp, close_loop, diameter, in_order
 from .safe_xml import parse_xml
 

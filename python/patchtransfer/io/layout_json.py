@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..geometry.boundary import Boundary
 from ..limits import MAX_DEGREE, MAX_LAYOUT_BYTES, MAX_QUADS, at_most
-from ..multipatch import Boundary
 
 __all__ = ["LayoutFile", "parse_layout"]
 

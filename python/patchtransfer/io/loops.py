@@ -11,7 +11,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..errors import InputError
-from ..splines import BSplineCurve, FloatArray, insert_knots
+from ..geometry.basis import insert_knots
+from ..geometry.curve import BSplineCurve
+from ..numeric.arrays import FloatArray
 
 __all__ = ["TOLERANCE", "chain", "clamp", "close_loop"]
 

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 from ..errors import InputError
+from ..geometry.boundary import Boundary
+from ..geometry.curve import BSplineCurve
 from ..limits import MAX_CURVES, MAX_LANDMARKS, MAX_LINES, MAX_LOOPS, at_most
-from ..multipatch import Boundary
-from ..splines import BSplineCurve, FloatArray
+from ..numeric.arrays import FloatArray
 from .loops import close_loop
 
 __all__ = ["interpolate_outline", "looks_like_points", "read_boundary", "read_landmarks"]

@@ -18,9 +18,10 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import InputError
+from ..geometry.boundary import Boundary
+from ..geometry.curve import BSplineCurve
 from ..limits import MAX_CURVES, MAX_LOOPS, at_most
-from ..multipatch import Boundary
-from ..splines import BSplineCurve, FloatArray
+from ..numeric.arrays import FloatArray
 from .loops import TOLERANCE, close_loop
 from .safe_xml import local_name, parse_xml
 

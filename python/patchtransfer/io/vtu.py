@@ -17,13 +17,14 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import _core
-from ..dense import least_squares, product
+from .._core import bezier_extract
 from ..errors import InputError
-from ..multipatch import MultiPatch
-from ..quality import sample
-from ..splines import FloatArray, Patch
-from .atomic import write_atomic
+from ..files import write_atomic
+from ..geometry.multipatch import MultiPatch
+from ..geometry.patch import Patch
+from ..measure.quality import sample
+from ..numeric.arrays import FloatArray
+from ..numeric.dense import least_squares, product
 
 __all__ = ["bezier_pieces", "format_multipatch", "format_series", "write_fields"]
 
@@ -124,7 +125,7 @@ def _extraction(knot_bytes: bytes, degree: int) -> FloatArray:
     n = len(knots) - degree - 1
     # The core takes three coordinates at a time.
     units = np.eye(n, 3 * -(-n // 3))
-    columns = [_core.bezier_extract(knots, degree, units[:, k : k + 3].copy()) for k in range(0, n, 3)]
+    columns = [bezier_extract(knots, degree, units[:, k : k + 3].copy()) for k in range(0, n, 3)]
     return np.asarray(np.concatenate(columns, axis=2)[:, :, :n])
 
 

@@ -1,0 +1,89 @@
+"""Command line: ``patchtransfer morph A B -o DIR``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from .support import INTERRUPTED, NOT_CERTIFIED, Report, failures, keep_inputs, print_error, say
+
+__all__ = ["morph"]
+
+
+@click.command()
+@click.argument("a", type=click.Path())
+@click.argument("b", type=click.Path())
+@click.option("-n", "frames", type=click.IntRange(2, 10000), default=30, show_default=True, help="Frames, with ends.")
+@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for all files; made if it does not exist.")
+@click.option(
+    "--way",
+    type=click.Choice(["auto", "rigid"]),
+    default="auto",
+    show_default=True,
+    help="rigid: blend rotations even where interpolated control points are certified.",
+)
+@click.option("--gif", is_flag=True, help="Also an animation, morph.gif.")
+@click.option("--mp4", is_flag=True, help="Also an animation, morph.mp4 (needs ffmpeg or the extra [video]).")
+@click.option("--fps", type=click.IntRange(1, 120), default=15, show_default=True, help="Frames a second.")
+@click.option("--keep-uncertified", is_flag=True, help="Write all frames even if some are not certified.")
+def morph(
+    a: str, b: str, frames: int, output: str, way: str, gif: bool, mp4: bool, fps: int, keep_uncertified: bool
+) -> None:
+    """Certified multi-patches in between A and B, which differ in their control points only.
+
+    Writes to DIR frame-000.xml, ... (G+Smo XML), frame-000.vtu, ... with morph.pvd (ParaView) and report.json.
+    """
+    from .. import io
+    from ..errors import InputError
+    from ..files import write_atomic
+    from ..io.vtu import format_series
+    from ..limits import MAX_FRAME_POINTS, at_most
+    from ..motion.morph import morph as run
+    from ..plot.animation import animate, check_animation
+
+    with failures(Report(None)):
+        folder = Path(output)
+        animations = [folder / f"morph.{kind}" for kind, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
+        for path in animations:
+            check_animation(path)
+        digits = max(3, len(str(frames - 1)))
+        names = [f"frame-{i:0{digits}}" for i in range(frames)]
+        models = [folder / f"{name}{suffix}" for name in names for suffix in (".xml", ".vtu")]
+        keep_inputs([a, b], [*models, *animations, folder / "morph.pvd", folder / "report.json"])
+        first, last = io.read(a), io.read(b)
+        count = frames * sum(patch.control_points.size // 2 for patch in first.patches)
+        at_most(count, MAX_FRAME_POINTS, "control points of all frames", "take fewer frames")
+        result = run(first, last, frames, way=way, on_failure="return" if keep_uncertified else "raise")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{output}: the folder cannot be made ({error.strerror}); choose another one") from None
+        try:
+            # Written last: a folder with a report is complete.
+            (folder / "report.json").unlink(missing_ok=True)
+            for name, model in zip(names, result, strict=True):
+                io.write(model, folder / f"{name}.xml")
+                io.write(model, folder / f"{name}.vtu")
+            write_atomic(
+                folder / "morph.pvd", format_series([f"{n}.vtu" for n in names], [frame.t for frame in result.frames])
+            )
+            for path in animations:
+                animate(list(result), path, fps=fps)
+            Report(str(folder / "report.json")).write(
+                {
+                    "certified": result.certified,
+                    "frames": [
+                        {"file": f"{name}.xml", **frame.to_dict()}
+                        for name, frame in zip(names, result.frames, strict=True)
+                    ],
+                }
+            )
+        except KeyboardInterrupt:
+            print_error(f"interrupted; {output} holds a part of the files and no report.json; run the command again")
+            sys.exit(INTERRUPTED)
+    good = sum(frame.certificate.injective for frame in result.frames)
+    ways = sorted({frame.way for frame in result.frames[1:-1]})
+    say(f"{good} of {frames} frames certified ({', '.join(ways) or 'ends only'}); written to {output}")
+    sys.exit(0 if result.certified else NOT_CERTIFIED)

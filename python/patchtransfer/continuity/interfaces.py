@@ -1,0 +1,170 @@
+"""Interfaces as pairs of control rows: cross derivatives, gluing data and the rows that they give.
+
+Along an interface C(t), t in [0, 1], D_L and D_R are the derivatives across it, pointing into the patch on its
+left (patch a) and on its right. Where the map is smooth there are functions with a D_L + b D_R = c C'.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..geometry.basis import collocation_matrix, knot_spans, reverse_knots, span_basis
+from ..geometry.topology import Topology
+from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.dense import product
+
+__all__ = ["ControlRows", "chord_ratios", "control_rows"]
+
+#: Parameters per knot span at which speeds across interfaces are compared.
+SAMPLES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class ControlRows:
+    """The three rows of control points that decide how smooth a map is across an interface.
+
+    Attributes
+    ----------
+    curve, left, right : (n,) int arrays
+        Shared control points s_j on the interface, L_j and R_j in the rows beside it.
+    knots : (n + degree + 1,) array
+        Along the interface, mapped to [0, 1].
+    degree : int
+        Along the interface.
+    left_scale, right_scale : float
+        p/h of the patch on either side: its degree across over its first knot span, parameters mapped to [0, 1].
+    lowest_degree : int
+        The smallest of the degrees along and across.
+    """
+
+    curve: IntArray
+    left: IntArray
+    right: IntArray
+    knots: FloatArray
+    degree: int
+    left_scale: float
+    right_scale: float
+    lowest_degree: int
+
+    @cached_property
+    def breaks(self) -> FloatArray:
+        """Distinct knots."""
+        return knot_spans(self.knots)
+
+    @cached_property
+    def end_basis(self) -> tuple[tuple[FloatArray, FloatArray, FloatArray], ...]:
+        """Values, first and second derivatives (n,) of the basis functions at t = 0 and at t = 1."""
+        rows = [collocation_matrix(self.knots, self.degree, [0.0, 1.0], k) for k in range(min(self.degree, 2) + 1)]
+        value, slope, bend = [*rows, np.zeros_like(rows[0])][:3]
+        return tuple((value[e], slope[e], bend[e]) for e in (0, 1))
+
+    @cached_property
+    def columns(self) -> IntArray:
+        """The points L, R and s that `functional` gives coefficients of, (3 n,)."""
+        return np.concatenate([self.left, self.right, self.curve])
+
+    def basis(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Values and derivatives (m, n) of the basis functions at the parameters t."""
+        return collocation_matrix(self.knots, self.degree, t), collocation_matrix(self.knots, self.degree, t, 1)
+
+    def derivatives(
+        self, points: FloatArray, value: FloatArray, slope: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """D_L, D_R and C' (m, 2), where `value` and `slope` (m, n) hold the basis functions."""
+        curve = points[self.curve]
+        return (
+            self.left_scale * product(value, points[self.left] - curve),
+            self.right_scale * product(value, points[self.right] - curve),
+            product(slope, curve),
+        )
+
+    def functional(self, gluing: FloatArray, value: FloatArray, slope: FloatArray) -> FloatArray:
+        """Coefficients (m, 3 n) of `columns` in a D_L + b D_R - c C'; `gluing` (m, 3) holds a, b and c."""
+        left = self.left_scale * gluing[:, :1] * value
+        right = self.right_scale * gluing[:, 1:2] * value
+        return np.concatenate([left, right, -left - right - gluing[:, 2:] * slope], axis=1)
+
+    def end_gluing(self, points: FloatArray) -> FloatArray:
+        """Gluing data (2, 3) at both ends: rows (a, b, c) with a D_L + b D_R = c C' and a + b = 2.
+
+        a ~ det(D_R, C') and b ~ det(C', D_L) are positive unless the map is folded there.
+        """
+        found = []
+        for value, slope, _ in self.end_basis:
+            left, right, tangent = (v[0] for v in self.derivatives(points, value[None], slope[None]))
+            a, b = _cross(right, tangent), _cross(tangent, left)
+            a, b = 2 * a / (a + b), 2 * b / (a + b)
+            found.append((a, b, float((a * left + b * right) @ tangent / (tangent @ tangent))))
+        return np.array(found)
+
+
+def _cross(u: FloatArray, v: FloatArray) -> float:
+    return float(u[0] * v[1] - u[1] * v[0])
+
+
+def control_rows(topology: Topology) -> tuple[ControlRows, ...]:
+    """The control rows of every interface, run with patch a on its left."""
+    rows = []
+    for f, directed in zip(topology.interfaces, topology.directed_interfaces, strict=True):
+        patch = topology.patches[f.patch_a]
+        knots, degree = patch.knots[f.side_a.axis], patch.degrees[f.side_a.axis]
+        knots = (reverse_knots(knots) if directed.reversed else knots) - knots[0]
+
+        def run(points: IntArray, backwards: bool) -> IntArray:
+            return points[::-1] if backwards else points
+
+        scales, across = [], []
+        for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b)):
+            other, axis = topology.patches[k], 1 - side.axis
+            t, p = other.knots[axis], other.degrees[axis]
+            span = t[-1] - t[-p - 2] if side.at_end else t[p + 1] - t[0]
+            scales.append(p * float((t[-1] - t[0]) / span))
+            across.append(p)
+        rows.append(
+            ControlRows(
+                curve=run(f.side_a.of(topology.points[f.patch_a]), directed.reversed),
+                left=run(f.side_a.of(topology.points[f.patch_a], 1), directed.reversed),
+                right=run(f.side_b.of(topology.points[f.patch_b], 1), directed.reversed != f.reversed),
+                knots=knots / knots[-1],
+                degree=degree,
+                left_scale=scales[0],
+                right_scale=scales[1],
+                lowest_degree=min(degree, *across),
+            )
+        )
+    return tuple(rows)
+
+
+def chord_ratios(topology: Topology, rows: tuple[ControlRows, ...], points: FloatArray) -> FloatArray:
+    """ω_L / ω_R of every interface, constant along chords: the log-mean of |D_R| / |D_L| of the map `points`.
+
+    One ratio per interface instead would make the tangents collapse at the regular vertices between them.
+    """
+    logs, counts = np.zeros(len(rows)), np.zeros(len(rows))
+    alike: dict[tuple[bytes, int], list[int]] = defaultdict(list)
+    for i, r in enumerate(rows):
+        alike[r.knots.tobytes(), r.degree].append(i)
+    for members in alike.values():
+        group = [rows[i] for i in members]
+        _, (value, _, _) = span_basis(group[0].knots, group[0].degree, SAMPLES)
+        curve = points[np.array([r.curve for r in group])]
+        left, right = (
+            points[np.array(beside)] - curve for beside in ([r.left for r in group], [r.right for r in group])
+        )
+        speeds = [np.hypot(*np.moveaxis(product(value, d), 2, 0)) for d in (left, right)]
+        there = (speeds[0] > 0) & (speeds[1] > 0)
+        quotients = np.log(np.divide(speeds[1], speeds[0], out=np.ones_like(speeds[0]), where=there))
+        scales = np.log([r.right_scale / r.left_scale for r in group])
+        counts[members] = there.sum(axis=1)
+        logs[members] = quotients.sum(axis=1) + counts[members] * scales
+    ratios = np.ones(len(rows))
+    for chord in topology.directed_chords:
+        index = np.array([i for i, _ in chord])
+        sense = np.array([1.0 if forward else -1.0 for _, forward in chord])
+        mean = float((sense * logs[index]).sum()) / max(float(counts[index].sum()), 1.0)
+        ratios[index] = np.exp(sense * mean)
+    return ratios

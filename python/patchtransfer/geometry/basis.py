@@ -1,0 +1,180 @@
+"""Univariate B-spline bases: knot vectors, basis functions, knot insertion, degree elevation.
+
+Knot vectors are clamped; interior knots have at most the degree as multiplicity, so everything is continuous.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import BSpline
+
+from ..errors import InputError
+from ..numeric import dense
+from ..numeric.arrays import FloatArray, frozen_array
+
+__all__ = [
+    "check_knots",
+    "check_samples",
+    "check_weights",
+    "collocation_matrix",
+    "elevate",
+    "greville",
+    "insert_knots",
+    "knot_spans",
+    "reverse_knots",
+    "span_basis",
+]
+
+
+def check_knots(knots: FloatArray, degree: int, count: int, what: str) -> None:
+    """Raise `InputError` unless `knots` is a clamped knot vector of `degree` for `count` control points."""
+    if degree < 1:
+        raise InputError(f"{what}: degree {degree} is not supported, it must be at least 1")
+    if knots.ndim != 1 or len(knots) != count + degree + 1:
+        raise InputError(
+            f"{what}: a knot vector of degree {degree} for {count} control points has {count + degree + 1} "
+            f"knots, got {knots.size}"
+        )
+    if count < degree + 1:
+        raise InputError(f"{what}: degree {degree} needs at least {degree + 1} control points, got {count}")
+    if (np.diff(knots) < 0).any():
+        raise InputError(f"{what}: knot vector decreases at knot {int(np.argmax(np.diff(knots) < 0)) + 1}")
+    if knots[degree] != knots[0] or knots[-degree - 1] != knots[-1]:
+        raise InputError(f"{what}: knot vector is not clamped (end knots must be repeated {degree + 1} times)")
+    if knots[0] == knots[-1]:
+        raise InputError(f"{what}: knot vector spans nothing")
+    inner = knots[1:-1]
+    if (inner[degree:] == inner[:-degree]).any():
+        raise InputError(f"{what}: an interior knot has a multiplicity above the degree {degree} (a jump)")
+
+
+def check_weights(weights: ArrayLike | None, shape: tuple[int, ...], what: str) -> FloatArray | None:
+    """Return the read-only weights of a rational object, None for a polynomial one."""
+    if weights is None:
+        return None
+    array = frozen_array(weights, f"{what}: weights")
+    if array.shape != shape:
+        raise InputError(f"{what}: weights have shape {array.shape}, the control points {shape}")
+    if (array <= 0).any():
+        raise InputError(f"{what}: weight {array.min():g} is not positive")
+    return array
+
+
+def knot_spans(knots: ArrayLike) -> FloatArray:
+    """Distinct knots, the breaks between spans."""
+    return np.unique(np.asarray(knots, dtype=np.float64))
+
+
+def reverse_knots(knots: FloatArray) -> FloatArray:
+    """Knot vector of the reversed curve, on the same domain."""
+    return np.asarray((knots[0] + knots[-1]) - knots[::-1])
+
+
+def greville(knots: FloatArray, degree: int) -> FloatArray:
+    """Greville abscissae (n,), the coefficients of the identity."""
+    return np.array([knots[i + 1 : i + degree + 1].mean() for i in range(len(knots) - degree - 1)])
+
+
+def collocation_matrix(knots: ArrayLike, degree: int, t: ArrayLike, order: int = 0) -> FloatArray:
+    """Values of all basis functions' derivatives of `order` at the points `t`, shape (len(t), n)."""
+    knots = np.asarray(knots, dtype=np.float64)
+    basis = BSpline(knots, np.eye(len(knots) - degree - 1), degree)
+    return np.asarray(basis(np.asarray(t, dtype=np.float64), nu=order))
+
+
+def check_samples(samples: int) -> None:
+    """Raise `InputError` unless there are two samples a knot span, for its ends."""
+    if samples < 2:
+        raise InputError(f"samples = {samples}: at least 2 per knot span are needed, its two ends")
+
+
+def span_basis(knots: ArrayLike, degree: int, samples: int) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    """Basis functions and their derivatives at uniform parameters of every span, one-sided at its ends.
+
+    Parameters
+    ----------
+    knots : (n + degree + 1,) array
+        Clamped knot vector.
+    degree : int
+    samples : int
+        Parameters per span, both ends included, at least 2.
+
+    Returns
+    -------
+    t : (m,) array
+        The parameters, m = spans · samples; the breaks occur twice, seen from either span.
+    basis : tuple of three (m, n) arrays
+        Values, first and second derivatives. All arrays are read-only and shared between calls.
+    """
+    check_samples(samples)
+    return _span_basis(np.ascontiguousarray(knots, dtype=np.float64).tobytes(), degree, samples)
+
+
+@lru_cache(maxsize=256)
+def _span_basis(knot_bytes: bytes, degree: int, samples: int) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    knots = np.frombuffer(knot_bytes)
+    breaks = knot_spans(knots)
+    n, m = len(knots) - degree - 1, len(breaks) - 1
+    t = np.linspace(breaks[:-1], breaks[1:], samples, axis=1)
+    basis = np.zeros((3, m, samples, n))
+    for span in range(m):
+        last = int(np.searchsorted(knots, breaks[span], side="right")) - 1
+        # The 2p + 2 knots around one span hold no other span: SciPy cannot look beyond its ends.
+        local = BSpline(knots[last - degree : last + degree + 2], np.eye(degree + 1), degree)
+        for order in range(min(degree, 2) + 1):
+            basis[order, span, :, last - degree : last + 1] = local(t[span], nu=order)
+    t, out = t.ravel(), basis.reshape(3, -1, n)
+    t.flags.writeable = out.flags.writeable = False
+    return t, tuple(out)
+
+
+def insert_knots(
+    knots: FloatArray, degree: int, coefficients: FloatArray, new: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Insert knots without changing the spline (Boehm).
+
+    Parameters
+    ----------
+    knots : (n + degree + 1,) array
+    degree : int
+    coefficients : (n, ...) array
+        The spline's coefficients along the first axis.
+    new : array
+        Knots to insert, repeated as often as wanted.
+
+    Returns
+    -------
+    knots, coefficients
+        The refined knot vector and the coefficients, (n + len(new), ...).
+    """
+    for x in np.sort(np.atleast_1d(np.asarray(new, dtype=np.float64))):
+        if not knots[0] < x < knots[-1]:
+            raise InputError(f"knot {x:g} to insert is not inside the domain ({knots[0]:g}, {knots[-1]:g})")
+        k = int(np.searchsorted(knots, x, side="right")) - 1
+        i = np.arange(k - degree + 1, k + 1)
+        alpha = ((x - knots[i]) / (knots[i + degree] - knots[i])).reshape(-1, *[1] * (coefficients.ndim - 1))
+        middle = (1 - alpha) * coefficients[i - 1] + alpha * coefficients[i]
+        coefficients = np.concatenate([coefficients[: k - degree + 1], middle, coefficients[k:]])
+        knots = np.insert(knots, k + 1, x)
+    return knots, coefficients
+
+
+def elevate(
+    knots: FloatArray, degree: int, coefficients: FloatArray, by: int = 1
+) -> tuple[FloatArray, int, FloatArray]:
+    """Raise the degree without changing the spline: every knot gains `by` in multiplicity.
+
+    Done by interpolation in the elevated space at its Greville abscissae, which is exact up to rounding.
+    """
+    breaks, multiplicity = np.unique(knots, return_counts=True)
+    fine, degree_up = np.repeat(breaks, multiplicity + by), degree + by
+    # A mean of equal end knots may round out of the domain.
+    at = np.clip(greville(fine, degree_up), knots[0], knots[-1])
+    flat = coefficients.reshape(len(coefficients), -1)
+    values = dense.product(collocation_matrix(knots, degree, at), flat)
+    raised = dense.solve(collocation_matrix(fine, degree_up, at), values)
+    raised[0], raised[-1] = flat[0], flat[-1]
+    return fine, degree_up, np.asarray(raised.reshape(-1, *coefficients.shape[1:]), dtype=np.float64)

@@ -1,0 +1,192 @@
+"""`MultiPatch`: patches glued along sides, an immutable value."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InputError
+from ..numeric.arrays import FloatArray, frozen_array
+from . import display
+from .boundary import Boundary
+from .interfaces import check_interfaces, infer_interfaces
+from .packing import PackedPatches, pack_patches, unpack_patches
+from .patch import Patch
+from .sides import Interface, Side
+from .topology import BoundarySide, Topology, Vertex
+
+__all__ = ["MultiPatch"]
+
+
+@dataclass(frozen=True, eq=False)
+class MultiPatch:
+    """Tensor-product patches and how they are glued.
+
+    Parameters
+    ----------
+    patches : sequence of Patch
+    interfaces : sequence of Interface, optional
+        None (the default) infers them from coinciding side control points.
+    ids : sequence of int, optional
+        Identifiers of the patches in the file they came from; default 0, 1, ...
+
+    Raises
+    ------
+    InputError
+        When an interface names a patch that does not exist, sides whose degrees or knots differ, or sides
+        whose control points do not coincide.
+    """
+
+    interfaces: tuple[Interface, ...]
+    ids: tuple[int, ...]
+
+    def __init__(
+        self,
+        patches: Iterable[Patch],
+        interfaces: Iterable[Interface] | None = None,
+        ids: Sequence[int] | None = None,
+    ) -> None:
+
+        patches = tuple(patches)
+        if not patches:
+            raise InputError("a multi-patch needs at least one patch")
+        ids = tuple(range(len(patches))) if ids is None else tuple(int(i) for i in ids)
+        if len(set(ids)) != len(patches):
+            raise InputError(f"{len(patches)} patches need as many distinct ids, got {ids}")
+        glued = infer_interfaces(patches) if interfaces is None else tuple(interfaces)
+        check_interfaces(patches, glued)
+        object.__setattr__(self, "patches", patches)
+        object.__setattr__(self, "interfaces", glued)
+        object.__setattr__(self, "ids", ids)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, MultiPatch) and (
+            self.patches == other.patches and self.interfaces == other.interfaces and self.ids == other.ids
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __len__(self) -> int:
+        return len(self.patches)
+
+    @cached_property
+    def patches(self) -> tuple[Patch, ...]:
+        """The patches. Results bring them from other processes, and few are looked at there: made when asked for."""
+        return unpack_patches(self._packed)
+
+    @cached_property
+    def _packed(self) -> PackedPatches:
+        return pack_patches(self.patches)
+
+    def __repr__(self) -> str:
+        try:
+            holes = max(len(self.loops) - self.topology.n_components, 0)
+            loops = f"{holes} hole{'' if holes == 1 else 's'}"
+        except InputError:
+            loops = "open boundary"
+        return (
+            f"<MultiPatch: {len(self.patches)} patches, {len(self.interfaces)} interfaces, {loops}, "
+            f"{self.topology.n_points} control points>"
+        )
+
+    @cached_property
+    def topology(self) -> Topology:
+        """Everything combinatorial: shared control points, loops, vertices, chords, orientation."""
+        return Topology(self.patches, self.interfaces)
+
+    @property
+    def boundaries(self) -> tuple[tuple[int, Side], ...]:
+        """Sides (patch, side) that belong to no interface."""
+        return self.topology.boundaries
+
+    @property
+    def loops(self) -> tuple[tuple[BoundarySide, ...], ...]:
+        """Boundary loops as chains of sides, the domain on their left; the outer loop first."""
+        return self.topology.loops
+
+    @property
+    def vertices(self) -> tuple[Vertex, ...]:
+        """Vertices with the patches around them and their valence."""
+        return self.topology.vertices
+
+    @property
+    def is_rational(self) -> bool:
+        """Whether any patch has weights."""
+        return any(patch.weights is not None for patch in self.patches)
+
+    @cached_property
+    def diameter(self) -> float:
+        """Diagonal of the control points' bounding box, the length that tolerances are relative to."""
+        points = np.concatenate([patch.control_points.reshape(-1, 2) for patch in self.patches])
+        return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+    def with_control_points(self, control_points: Sequence[FloatArray]) -> MultiPatch:
+        """The same topology, degrees and knots with other control points, one (n_u, n_v, 2) array a patch."""
+        patches = tuple(p.with_control_points(c) for p, c in zip(self.patches, control_points, strict=True))
+        check_interfaces(patches, self.interfaces)
+        return self._with_patches(patches)
+
+    def with_shared_points(self, points: FloatArray) -> MultiPatch:
+        """The same with the shared control points (n_points, 2) of `topology`: both sides of interfaces bit-equal."""
+        shared = frozen_array(points, "shared control points")
+        if shared.shape != (self.topology.n_points, 2):
+            raise InputError(f"shared control points must have shape {(self.topology.n_points, 2)}, got {shared.shape}")
+        patches = []
+        for patch, i in zip(self.patches, self.topology.points, strict=True):
+            own = shared[i]
+            own.flags.writeable = False
+            patches.append(patch._moved(own))
+        moved = self._with_patches(tuple(patches))
+        moved.topology.__dict__["coordinates"] = shared
+        return moved
+
+    def _with_patches(self, patches: tuple[Patch, ...]) -> MultiPatch:
+        """The same with patches that are known to fit the interfaces."""
+        moved = object.__new__(MultiPatch)
+        for name, value in (("patches", patches), ("interfaces", self.interfaces), ("ids", self.ids)):
+            object.__setattr__(moved, name, value)
+        moved.__dict__["topology"] = self.topology.moved(patches)
+        return moved
+
+    def __reduce__(self) -> tuple[Callable[..., MultiPatch], tuple[object, ...]]:
+        # The topology is found again faster than it is sent.
+        return _unpacked, (self._packed, self.interfaces, self.ids)
+
+    def elevate(self, by: int = 1) -> MultiPatch:
+        """The same geometry with all degrees raised; inner knots stay as smooth as they are."""
+        return self._in_other_space(lambda patch: patch.elevate(by))
+
+    def split_spans(self, parts: int = 2) -> MultiPatch:
+        """The same geometry with every knot span cut into `parts` equal ones."""
+        if parts < 1:
+            raise InputError(f"knot spans can be split into 1 part or more, not {parts}")
+        return self._in_other_space(lambda patch: patch.split_spans(parts))
+
+    def reduce_continuity(self, smoothness: int) -> MultiPatch:
+        """The same geometry with inner knots repeated until splines are only C^smoothness there."""
+        return self._in_other_space(lambda patch: patch.reduce_continuity(smoothness))
+
+    def _in_other_space(self, change: Callable[[Patch], Patch]) -> MultiPatch:
+        """The multi-patch of changed patches; rounding may part glued points, so they are welded where they agreed."""
+        other = MultiPatch([change(patch) for patch in self.patches], self.interfaces, self.ids)
+        return other.with_shared_points(other.topology.coordinates)
+
+    def boundary(self) -> Boundary:
+        """The boundary curves, loop by loop, the domain on their left."""
+        return Boundary([[side.curve(self.patches) for side in loop] for loop in self.loops])
+
+    def _repr_png_(self) -> bytes | None:
+        return display.as_png(self)
+
+    def _repr_html_(self) -> str | None:
+        return display.as_html(self)
+
+
+def _unpacked(packed: PackedPatches, interfaces: tuple[Interface, ...], ids: tuple[int, ...]) -> MultiPatch:
+    """A multi-patch that was checked before it was pickled."""
+    multipatch = object.__new__(MultiPatch)
+    multipatch.__dict__.update(_packed=packed, interfaces=interfaces, ids=ids)
+    return multipatch

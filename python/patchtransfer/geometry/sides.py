@@ -1,0 +1,56 @@
+"""Sides of patches, and the interfaces that glue them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Interface", "Side"]
+
+Number = TypeVar("Number", bound=np.generic)
+
+
+class Side(IntEnum):
+    """A side of a patch, numbered as in G+Smo."""
+
+    WEST = 1
+    """u = first knot."""
+    EAST = 2
+    """u = last knot."""
+    SOUTH = 3
+    """v = first knot."""
+    NORTH = 4
+    """v = last knot."""
+
+    @property
+    def axis(self) -> int:
+        """Direction that runs along the side: 1 (v) for west and east, 0 (u) for south and north."""
+        return 1 if self <= Side.EAST else 0
+
+    @property
+    def at_end(self) -> bool:
+        """Whether the side lies at the last knot of the direction across it."""
+        return self in (Side.EAST, Side.NORTH)
+
+    def of(self, array: NDArray[Number], row: int = 0) -> NDArray[Number]:
+        """The slice of an (n_u, n_v, ...) array on this side, `row` rows into the patch."""
+        index = -1 - row if self.at_end else row
+        return array[index] if self.axis == 1 else array[:, index]
+
+
+@dataclass(frozen=True)
+class Interface:
+    """Two patch sides that are glued.
+
+    `reversed` says whether the parameters along the two sides run in opposite directions.
+    """
+
+    patch_a: int
+    side_a: Side
+    patch_b: int
+    side_b: Side
+    reversed: bool

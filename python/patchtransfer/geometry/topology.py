@@ -1,0 +1,420 @@
+"""Stage 1, topology: from patches and interfaces to shared control points, loops, vertices and chords.
+
+Patches may be left-handed (det J < 0 throughout) as they often are in files. Nothing is flipped: each patch
+carries a sign, and "the domain on the left" of a boundary side is decided with it.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property, lru_cache
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..errors import InputError
+from ..numeric.arrays import FloatArray, IntArray
+from .areas import SideGroup, enclosed_areas, group_sides, numbered, signed_areas
+from .curve import BSplineCurve
+from .patch import Patch
+from .sides import Interface, Side
+
+__all__ = ["BoundarySide", "Spoke", "Topology", "Vertex"]
+
+T = TypeVar("T")
+
+CORNERS = ((0, 0), (-1, 0), (0, -1), (-1, -1))
+"""Patch corners as indices into the control points."""
+
+
+@dataclass(frozen=True)
+class BoundarySide:
+    """A patch side on the boundary, traversed with the domain on its left.
+
+    `reversed` says whether that is against the side's own parameter.
+    """
+
+    patch: int
+    side: Side
+    reversed: bool
+
+    def curve(self, patches: Sequence[Patch]) -> BSplineCurve:
+        """The boundary curve in the sense of the loop."""
+        patch = patches[self.patch]
+        axis = self.side.axis
+        weights = None if patch.weights is None else self.side.of(patch.weights)
+        points = self.side.of(patch.control_points)
+        curve = BSplineCurve._trusted(patch.knots[axis], patch.degrees[axis], points, weights)
+        return curve.reversed() if self.reversed else curve
+
+    def points(self, array: IntArray) -> IntArray:
+        """Entries of an (n_u, n_v) array along the side in the sense of the loop."""
+        along = self.side.of(array)
+        return along[::-1] if self.reversed else along
+
+
+@dataclass(frozen=True)
+class Vertex:
+    """A patch corner shared by `corners`, pairs (patch, corner), corner 0 to 3 = (0,0), (1,0), (0,1), (1,1).
+
+    `valence` counts the patches around it. `extraordinary`: interior with a valence other than 4.
+    """
+
+    point: int
+    corners: tuple[tuple[int, int], ...]
+    interior: bool
+
+    @property
+    def valence(self) -> int:
+        """Number of patches that meet here."""
+        return len(self.corners)
+
+    @property
+    def extraordinary(self) -> bool:
+        """Interior vertex with a valence other than 4."""
+        return self.interior and self.valence != 4
+
+
+@dataclass(frozen=True)
+class Spoke:
+    """An end of an interface at a vertex: its last point (`at_end`) or its first, run with patch a on the left."""
+
+    interface: int
+    at_end: bool
+
+
+def identify(shapes: Sequence[tuple[int, int]], interfaces: Sequence[Interface]) -> tuple[list[IntArray], int]:
+    """Number the coefficients of patches of these shapes, glued ones once: an index array a patch, and how many."""
+    sizes = [m * n for m, n in shapes]
+    offsets = np.concatenate([[0], np.cumsum(sizes)])
+    raw = numbered(shapes)
+    first, second = [np.empty(0, int)], [np.empty(0, int)]
+    for f in interfaces:
+        first.append(f.side_a.of(raw[f.patch_a]))
+        along_b = f.side_b.of(raw[f.patch_b])
+        second.append(along_b[::-1] if f.reversed else along_b)
+    i, j = np.concatenate(first), np.concatenate(second)
+    graph = coo_array((np.ones(len(i)), (i, j)), shape=(offsets[-1], offsets[-1]))
+    _, labels = connected_components(graph, directed=False)
+    # Number the shared points by first appearance, so that the numbering does not depend on the library.
+    _, first_seen, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    rank = np.empty(len(first_seen), int)
+    rank[np.argsort(first_seen)] = np.arange(len(first_seen))
+    shared = rank[inverse]
+    points = [shared[offsets[k] : offsets[k + 1]].reshape(shape) for k, shape in enumerate(shapes)]
+    return points, len(first_seen)
+
+
+class _Once(Generic[T]):
+    """Property that is found once for all topologies of the same shapes, knots and interfaces."""
+
+    def __init__(self, find: Callable[[Any], T], oriented: bool) -> None:
+        self.find, self.oriented = find, oriented
+        self.__doc__ = find.__doc__
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, topology: Topology, owner: type) -> T:
+        if topology is None:
+            return self  # type: ignore[unreachable]
+        key = self.name + topology.orientation.astype(np.int8).tobytes().hex() if self.oriented else self.name
+        if key not in topology.kept:
+            topology.kept[key] = self.find(topology)
+        found: T = topology.kept[key]
+        return found
+
+
+def combinatorial(find: Callable[[Any], T]) -> _Once[T]:
+    """Property that depends on shapes, knots and interfaces alone."""
+    return _Once(find, False)
+
+
+def oriented(find: Callable[[Any], T]) -> _Once[T]:
+    """Property that depends on the patches' orientation besides."""
+    return _Once(find, True)
+
+
+class Topology:
+    """Combinatorics of a multi-patch, computed once.
+
+    Attributes
+    ----------
+    n_points : int
+        Number of control points after identification along interfaces.
+    points : list of (n_u, n_v) int arrays
+        Index of every patch control point among the shared ones.
+    orientation : (n_patches,) int array
+        +1 for right-handed patches, -1 for left-handed ones (sign of the signed area).
+    boundaries : tuple of (patch, Side)
+    loops : tuple of tuples of BoundarySide
+        The outer loop first, the domain on the left.
+    vertices : tuple of Vertex
+    kept : dict
+        What depends on shapes, knots and interfaces alone, of later stages too: one for all control points.
+    """
+
+    def __init__(self, patches: tuple[Patch, ...], interfaces: tuple[Interface, ...]) -> None:
+        self.kept: dict[str, Any] = {}
+        self.patches, self.interfaces = patches, interfaces
+        self.points, self.n_points = identify([p.shape for p in self.patches], self.interfaces)
+        self.orientation = np.where(signed_areas(self.patches, self.kept) >= 0, 1, -1)
+        glued = {(f.patch_a, f.side_a) for f in self.interfaces} | {(f.patch_b, f.side_b) for f in self.interfaces}
+        self.boundaries = tuple((k, s) for k in range(len(self.patches)) for s in Side if (k, s) not in glued)
+
+    def moved(self, patches: tuple[Patch, ...]) -> Topology:
+        """The topology of patches with the same shapes and interfaces and other control points."""
+        other = object.__new__(Topology)
+        other.patches, other.interfaces, other.kept = patches, self.interfaces, self.kept
+        other.points, other.n_points, other.boundaries = self.points, self.n_points, self.boundaries
+        other.orientation = np.where(signed_areas(patches, self.kept) >= 0, 1, -1)
+        return other
+
+    def kept_for(self, name: str, find: Callable[[Topology], T]) -> T:
+        """What a later stage finds from shapes, knots and interfaces alone, once for all control points."""
+        if name not in self.kept:
+            self.kept[name] = find(self)
+        found: T = self.kept[name]
+        return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Found again faster than sent.
+        return self.__dict__ | {"kept": {}}
+
+    @cached_property
+    def coordinates(self) -> FloatArray:
+        """Shared control points (n_points, 2); where files differ in the last digits, the mean."""
+        total, count = np.zeros((self.n_points, 2)), np.zeros(self.n_points)
+        flat = np.concatenate([p.ravel() for p in self.points])
+        control = np.concatenate([p.control_points.reshape(-1, 2) for p in self.patches])
+        np.add.at(total, flat, control)
+        np.add.at(count, flat, 1.0)
+        mean = total / count[:, None]
+        # Where all copies agree to the bit, keep them: a mean of equal numbers may round.
+        first = np.empty_like(mean)
+        first[flat[::-1]] = control[::-1]
+        differ = np.zeros(self.n_points, bool)
+        np.logical_or.at(differ, flat, (first[flat] != control).any(axis=1))
+        return np.where(differ[:, None], mean, first)
+
+    @combinatorial
+    def glued_entries(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Control points that interfaces glue, numbered patch by patch, on side a and on side b; where each starts."""
+        entries = numbered([patch.shape for patch in self.patches])
+        a, b, starts = [np.empty(0, np.int64)], [np.empty(0, np.int64)], [0]
+        for f in self.interfaces:
+            first, second = (side.of(entries[k]) for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b)))
+            a.append(first)
+            b.append(second[::-1] if f.reversed else second)
+            starts.append(starts[-1] + len(first))
+        return np.concatenate(a), np.concatenate(b), np.array(starts[:-1], np.int64)
+
+    @combinatorial
+    def knot_gaps(self) -> tuple[float, ...]:
+        """Largest difference of the two sides' knots, mapped to [0, 1], interface by interface; 0 if there is none."""
+        sides = [
+            [self.patches[k].knots[side.axis].tobytes() for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b))]
+            for f in self.interfaces
+        ]
+        return tuple(_knot_gap(a, b, f.reversed) for f, (a, b) in zip(self.interfaces, sides, strict=True))
+
+    @combinatorial
+    def boundary_points(self) -> IntArray:
+        """Sorted indices of the shared control points on the boundary."""
+        sides = [side.of(self.points[k]) for k, side in self.boundaries]
+        return np.unique(np.concatenate([np.empty(0, int), *sides]))
+
+    @combinatorial
+    def interior_points(self) -> IntArray:
+        """Sorted indices of the shared control points off the boundary: the unknowns of a transfer."""
+        return np.setdiff1d(np.arange(self.n_points), self.boundary_points)
+
+    @combinatorial
+    def n_components(self) -> int:
+        """Number of connected components."""
+        a = [f.patch_a for f in self.interfaces]
+        b = [f.patch_b for f in self.interfaces]
+        n = len(self.patches)
+        return int(connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[0])
+
+    def directed_side(self, patch: int, side: Side) -> BoundarySide:
+        """A side with the interior of its patch on the left."""
+        # On a right-handed patch south and east run forwards with the patch on the left.
+        against = side in (Side.NORTH, Side.WEST)
+        return BoundarySide(patch, side, against != bool(self.orientation[patch] < 0))
+
+    @cached_property
+    def loops(self) -> tuple[tuple[BoundarySide, ...], ...]:
+        """Boundary loops, the domain on the left: the outer loop first, then holes, the smallest first.
+
+        Raises
+        ------
+        InputError
+            When boundary sides do not chain into loops (inconsistent orientation) or loops touch in a vertex.
+        """
+        # The domain is on the left, so the outer loop is the one that runs counter-clockwise.
+        if len(self._chains) < 2:
+            return self._chains
+        areas = enclosed_areas(self.patches, self._sides_of_chains, len(self._chains))
+        return tuple(self._chains[k] for k in np.argsort(-areas, kind="stable"))
+
+    @oriented
+    def _chains(self) -> tuple[tuple[BoundarySide, ...], ...]:
+        """The loops in the order of their first sides."""
+        start: dict[int, BoundarySide] = {}
+        stop: dict[BoundarySide, int] = {}
+        for k, side in self.boundaries:
+            directed = self.directed_side(k, side)
+            along = directed.points(self.points[k])
+            if int(along[0]) in start:
+                other = start[int(along[0])]
+                raise InputError(
+                    f"boundary is not a set of simple loops at {self.coordinates[along[0]]}: "
+                    f"{side.name.lower()} of patch {k} and {other.side.name.lower()} of patch {other.patch} both "
+                    "start there (a patch of wrong orientation, a missing interface, or loops that touch)"
+                )
+            start[int(along[0])] = directed
+            stop[directed] = int(along[-1])
+        loops = []
+        while start:
+            loop = [start.pop(next(iter(start)))]
+            first = int(loop[0].points(self.points[loop[0].patch])[0])
+            while stop[loop[-1]] != first:
+                following = start.pop(stop[loop[-1]], None)
+                if following is None:
+                    last = loop[-1]
+                    raise InputError(
+                        f"boundary loop is open at {self.coordinates[stop[last]]}, the end of "
+                        f"{last.side.name.lower()} of patch {last.patch} (a patch of wrong orientation or a "
+                        "missing interface)"
+                    )
+                loop.append(following)
+            loops.append(tuple(loop))
+        return tuple(loops)
+
+    @oriented
+    def _sides_of_chains(self) -> list[SideGroup]:
+        """The sides of the chains, for the areas that these enclose."""
+        numbers = numbered([patch.shape for patch in self.patches])
+        sides = []
+        for k, chain in enumerate(self._chains):
+            origin = int(chain[0].points(numbers[chain[0].patch])[0])
+            sides += [(k, side.patch, side.side, -1.0 if side.reversed else 1.0, origin) for side in chain]
+        return group_sides(self.patches, sides)
+
+    @combinatorial
+    def vertices(self) -> tuple[Vertex, ...]:
+        """Patch corners, shared ones once, in the order of the shared control points."""
+        around: dict[int, list[tuple[int, int]]] = defaultdict(list)
+        for k, points in enumerate(self.points):
+            for corner, (i, j) in enumerate(CORNERS):
+                around[int(points[i, j])].append((k, corner))
+        boundary = set(self.boundary_points.tolist())
+        return tuple(Vertex(v, tuple(around[v]), v not in boundary) for v in sorted(around))
+
+    @oriented
+    def directed_interfaces(self) -> tuple[BoundarySide, ...]:
+        """Side a of every interface, run with patch a on its left."""
+        return tuple(self.directed_side(f.patch_a, f.side_a) for f in self.interfaces)
+
+    @oriented
+    def folded_over(self) -> frozenset[int]:
+        """Interfaces (indices) whose patches lie on the same side of them: one folds back on the other."""
+        return frozenset(
+            i
+            for i, (f, a) in enumerate(zip(self.interfaces, self.directed_interfaces, strict=True))
+            if (a.reversed != self.directed_side(f.patch_b, f.side_b).reversed) == f.reversed
+        )
+
+    @oriented
+    def spokes(self) -> dict[int, tuple[Spoke, ...]]:
+        """Interface ends around every vertex, counter-clockwise; by shared control point.
+
+        At an interior vertex the interface after the last one is the first; at a boundary vertex the boundary
+        lies between them.
+        """
+        follows: dict[int, dict[Spoke, Spoke]] = defaultdict(dict)
+        found: dict[int, dict[Spoke, None]] = defaultdict(dict)
+        ends = self._interface_ends()
+        for k, points in enumerate(self.points):
+            for i, j in CORNERS:
+                along_u = (Side.SOUTH if j == 0 else Side.NORTH, i == -1)
+                along_v = (Side.WEST if i == 0 else Side.EAST, j == -1)
+                # Seen from the corner, u and v point into the patch: counter-clockwise, or mirrored.
+                turns_left = (self.orientation[k] > 0) == ((i == 0) == (j == 0))
+                pair = (along_u, along_v) if turns_left else (along_v, along_u)
+                first, second = (ends.get((k, *side)) for side in pair)
+                point = int(points[i, j])
+                found[point].update({spoke: None for spoke in (first, second) if spoke is not None})
+                if first is not None and second is not None:
+                    follows[point][first] = second
+        return {point: _chain(list(around), follows[point]) for point, around in found.items() if around}
+
+    def _interface_ends(self) -> dict[tuple[int, Side, bool], Spoke]:
+        """Interface ends by (patch, side, whether at the side's last parameter)."""
+        ends = {}
+        for index, (f, directed) in enumerate(zip(self.interfaces, self.directed_interfaces, strict=True)):
+            for last in (False, True):
+                ends[f.patch_a, f.side_a, last] = Spoke(index, last != directed.reversed)
+                ends[f.patch_b, f.side_b, last] = Spoke(index, (last != f.reversed) != directed.reversed)
+        return ends
+
+    @oriented
+    def directed_chords(self) -> tuple[tuple[tuple[int, bool], ...], ...]:
+        """Interfaces joined through opposite edges of interior valence-4 vertices, as pairs (index, forward).
+
+        All interfaces of a chord are run in one sense; `forward` says that it is that of `directed_interfaces`.
+        """
+        across: dict[Spoke, Spoke] = {}
+        for vertex in self.vertices:
+            if vertex.interior and vertex.valence == 4:
+                around = self.spokes[vertex.point]
+                if len(around) < 4:
+                    continue  # Patches of inconsistent orientation, or glued to themselves.
+                across.update({around[i]: around[(i + 2) % 4] for i in range(4)})
+        chords: list[tuple[tuple[int, bool], ...]] = []
+        seen: set[int] = set()
+        for first in range(len(self.interfaces)):
+            if first in seen:
+                continue
+            chord = {first: True}
+            for forward in (True, False):
+                spoke = across.get(Spoke(first, forward))
+                while spoke is not None and spoke.interface not in chord:
+                    # Leaving the vertex from its start is the sense of the walk.
+                    chord[spoke.interface] = (not spoke.at_end) == forward
+                    spoke = across.get(Spoke(spoke.interface, not spoke.at_end))
+            seen |= chord.keys()
+            chords.append(tuple(sorted(chord.items())))
+        return tuple(chords)
+
+    @property
+    def chords(self) -> tuple[tuple[int, ...], ...]:
+        """Interfaces (indices) joined through opposite edges of interior valence-4 vertices."""
+        return tuple(tuple(index for index, _ in chord) for chord in self.directed_chords)
+
+
+@lru_cache(maxsize=256)
+def _knot_gap(bytes_a: bytes, bytes_b: bytes, backwards: bool) -> float:
+    """Largest difference of knots mapped to [0, 1]: exactly, for whether it is zero decides on the certificate."""
+    if bytes_a == bytes_b and not backwards:
+        return 0.0
+    a, b = ([Fraction(t) for t in np.frombuffer(knots).tolist()] for knots in (bytes_a, bytes_b))
+    if backwards:
+        b = [-t for t in reversed(b)]
+    length_a, length_b = a[-1] - a[0], b[-1] - b[0]
+    return float(max(abs((s - a[0]) / length_a - (t - b[0]) / length_b) for s, t in zip(a, b, strict=True)))
+
+
+def _chain(around: list[Spoke], follows: dict[Spoke, Spoke]) -> tuple[Spoke, ...]:
+    """The spokes of a vertex in order, from the one that follows no other if there is one."""
+    preceded = set(follows.values())
+    chain = [next((spoke for spoke in around if spoke not in preceded), around[0])]
+    while (following := follows.get(chain[-1])) is not None and following not in chain:
+        chain.append(following)
+    return tuple(chain)

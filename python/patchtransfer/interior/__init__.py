@@ -1,0 +1,1 @@
+"""Stages 4 to 9: from boundary points to all control points of a certified map."""

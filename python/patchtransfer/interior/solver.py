@@ -1,0 +1,344 @@
+"""Stages 4 to 9 together: boundary points -> all control points, by either method, under rows, with a certificate."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.sparse import csc_array
+
+from ..continuity.g1 import g1_rows
+from ..continuity.interfaces import control_rows
+from ..continuity.null_space import RowSpace, row_space
+from ..continuity.rows import C1Rows, ContinuityRows
+from ..geometry.multipatch import MultiPatch
+from ..geometry.patch import Patch
+from ..geometry.topology import Spoke
+from ..numeric.arrays import FloatArray
+from ..paper.method import PaperHistory, paper_map
+from ..progress import Budget, Clock, Progress, reporter
+from ..proof.certificate import Certificate, certify
+from .optimizer import ROUGH, Certify, SplineOptimizer, degenerate_corners, optimize_with_ladder, step_cost
+from .under_rows import ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
+
+__all__ = ["CONTINUITY", "InteriorMap", "InteriorSolver"]
+
+CONTINUITY = ("c0", "c1", "g1")
+#: Diameters from the origin beyond which a target is brought there to be solved.
+FAR = 100.0
+#: Part of the work for rows, which need most of it; the rest is for finding a map without them.
+ROWS_SHARE = 0.65
+#: Optimizers under rows that a thread keeps, one a pattern of the null-space basis.
+KEPT_PATTERNS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class InteriorMap:
+    """Control points for a boundary, and how they were found.
+
+    Attributes
+    ----------
+    points : (n_points, 2) array
+        Shared control points.
+    certificate : Certificate
+    log : list of str
+        What each rung of the method did.
+    notes : list of str
+        Warnings: where a stage had to deviate.
+    rows : ActiveRows, optional
+        The continuity rows that hold.
+    history : PaperHistory, optional
+        Of ``method="paper"``.
+    """
+
+    points: FloatArray
+    certificate: Certificate
+    log: list[str]
+    notes: list[str]
+    rows: ActiveRows | None = None
+    history: PaperHistory | None = None
+
+
+class InteriorSolver:
+    """What depends on the source only: rows, optimizers and their symbolic factorizations.
+
+    Parameters
+    ----------
+    source : MultiPatch
+    continuity : {"c0", "c1", "g1"}
+    reference : sequence of Patch, optional
+        Maps that distortion is measured against; default the source's own patches.
+    """
+
+    def __init__(self, source: MultiPatch, continuity: str, reference: Sequence[Patch] | None = None) -> None:
+        self.source, self.continuity, self.reference = source, continuity, reference
+        self._control = () if continuity == "c0" else control_rows(source.topology)
+        self._c1 = C1Rows(source.topology, self._control)
+        self._linear = frozenset(i for i, r in enumerate(self._control) if r.lowest_degree < 2)
+        self._degenerate = degenerate_corners(source.patches if reference is None else reference)
+        #: Of a Newton step on the source's own nodes; see `SplineOptimizer`.
+        self.step_cost = step_cost(source.patches)
+        self._thread = threading.local()
+
+    def __getstate__(self) -> dict[str, object]:
+        # Optimizers stay behind: they are rebuilt where the solver arrives.
+        return {name: value for name, value in self.__dict__.items() if name != "_thread"}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state, _thread=threading.local())
+
+    def certified(
+        self,
+        start: FloatArray,
+        degenerate: Sequence[tuple[int, int]],
+        progress: Progress | None,
+        clock: Clock,
+        budget: Budget,
+    ) -> InteriorMap:
+        """Spline harmonic map, then distortion optimisation until the certificate accepts the map; then rows.
+
+        Rows only follow speeds and frames of the map without them, so that a rough one is tried first. Where it has
+        folds, or its rows cannot all be kept, the map without rows is found as if there were none to follow.
+
+        Near-singular rows enlarge the rounding of coordinates, so a target far from the origin is brought there first;
+        the proof is for the points as they are put back.
+        """
+        check = partial(self.certify, clock=clock)
+        on = self.source.topology.boundary_points
+        boundary = start[on]
+        centre, diameter = boundary.mean(axis=0), float(np.linalg.norm(np.ptp(boundary, axis=0)))
+        if float(np.linalg.norm(centre)) <= FAR * diameter:
+            return self._certified(start, degenerate, check, progress, clock, budget)
+
+        def back(points: FloatArray) -> FloatArray:
+            there = np.array(points + centre)
+            # To the bit: the proof of the loops is theirs.
+            there[on] = boundary
+            return there
+
+        moved = start - centre
+        found = self._certified(moved, degenerate, lambda points: check(back(points)), progress, clock, budget)
+        rows = found.rows and found.rows.moved(centre, diameter)
+        return replace(found, points=back(found.points), rows=rows)
+
+    def _certified(
+        self,
+        start: FloatArray,
+        degenerate: Sequence[tuple[int, int]],
+        check: Certify,
+        progress: Progress | None,
+        clock: Clock,
+        budget: Budget,
+    ) -> InteriorMap:
+        topology = self.source.topology
+        make = partial(self.optimizer, degenerate)
+        log: list[str] = []
+        spare: InteriorMap | None = None
+        if self._levels:
+            with clock("optimisation"):
+                optimizer = make()
+                rough = optimizer.minimise(
+                    optimizer.harmonic(start),
+                    progress=reporter(progress, "optimise"),
+                    tolerance=ROUGH,
+                    seconds=budget.seconds_left(),
+                )
+            log.append(f"rough map for the rows to follow: smallest determinant {rough.min_determinant:.3g}")
+            if budget.expired():
+                return InteriorMap(rough.points, check(rough.points), log, [])
+            if rough.min_determinant > 0:
+                part = budget.part(ROWS_SHARE)
+                under, complete = self._under_rows(rough.points, make, check, progress, clock, part, rounds=1)
+                log += under.log
+                # Rows that are not complete leave the rough map as it was, or one that is certified.
+                if complete or budget.expired():
+                    return replace(under, log=log)
+                spare = under if under.rows is not None and under.rows.collapsed else None
+        with clock("optimisation"):
+            found, certificate, entries = optimize_with_ladder(
+                make,
+                start,
+                check,
+                source=topology.coordinates,
+                boundary=topology.boundary_points,
+                progress=progress,
+                budget=budget.part(1 - ROWS_SHARE if self._levels else 1),
+            )
+        log += entries
+        if spare is not None and not certificate.injective:
+            return replace(spare, log=[*log, "the certified map under rows is kept, though its corners collapse"])
+        if not (self._levels and certificate.injective) or budget.expired():
+            return InteriorMap(found.points, certificate, log, [])
+        under, _ = self._under_rows(found.points, make, check, progress, clock, budget.part(ROWS_SHARE))
+        return replace(under, log=log + under.log)
+
+    def _under_rows(
+        self,
+        points: FloatArray,
+        make: Callable[..., SplineOptimizer],
+        check: Certify,
+        progress: Progress | None,
+        clock: Clock,
+        budget: Budget,
+        rounds: int = ROUNDS,
+    ) -> tuple[InteriorMap, bool]:
+        """Rows that follow a map without them: C1 first, then exact G1 that follows the C1 map.
+
+        Also whether the result is certified with rows on all interfaces that can have any; after a single round it is
+        of no use otherwise.
+        """
+        log: list[str] = []
+        complete = True
+        for level in self._levels:
+            with clock("continuity rows"):
+                choices = [
+                    partial(self._rows, choice, points) for choice in (level, "g1 linear")[: 1 + (level == "g1")]
+                ]
+                points, certificate, entries, rows = best_under_rows(
+                    self.source.topology,
+                    choices,
+                    make,
+                    points,
+                    check,
+                    progress,
+                    release=level == "c1",
+                    rounds=rounds,
+                    budget=budget,
+                )
+            log += entries
+            kept = self._linear.issuperset(rows.without) and not rows.collapsed
+            complete = complete and certificate.injective and kept
+            if budget.expired() or (rounds == 1 and not complete):
+                break
+        return InteriorMap(points, certificate, log, [], rows), complete
+
+    def paper(self, start: FloatArray, clock: Clock, budget: Budget) -> InteriorMap:
+        """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
+        topology = self.source.topology
+        mapped = paper_map(topology, start, stage=clock, budget=budget)
+
+        def solve(space: RowSpace, near: FloatArray) -> tuple[FloatArray, Certificate, list[str]]:
+            nonlocal mapped
+            mapped = paper_map(topology, space.project(near), space.basis, stage=clock, budget=budget)
+            return mapped.points, self.certify(mapped.points, clock), mapped.log
+
+        points, log, rows = mapped.points, list(mapped.log), None
+        certificate = self.certify(points, clock)
+        for level in self._levels:
+            if budget.expired():
+                break
+            with clock("continuity rows"):
+                if certificate.injective:
+                    check = partial(self.certify, clock=clock)
+                    points, certificate, under, rows = optimize_under_rows(
+                        topology,
+                        partial(self._rows, level, points),
+                        solve,
+                        points,
+                        check,
+                        release=level == "c1",
+                        budget=budget,
+                    )
+                else:
+                    # A folded map has no frames to follow: take the source's.
+                    space = row_space(self._rows(level, topology.coordinates), topology.interior_points, start)
+                    points, certificate, under = solve(space, start)
+                    under = [f"under {len(space.rows)} rows with the source's frames, {entry}" for entry in under]
+                    rows = rows_summary(topology, space, points)
+            log += under
+        return InteriorMap(points, certificate, log, mapped.notes, rows, mapped.history)
+
+    def harmonic(self, start: FloatArray, clock: Clock, reason: str) -> InteriorMap:
+        """The harmonic map on a boundary that rules out an injective one: an illustration of the reason."""
+        points = self.optimizer(()).harmonic(start)
+        return InteriorMap(points, self.certify(points, clock), [reason], [])
+
+    def unproved(
+        self,
+        start: FloatArray,
+        degenerate: Sequence[tuple[int, int]],
+        progress: Progress | None,
+        clock: Clock,
+        budget: Budget,
+        reason: str,
+    ) -> InteriorMap:
+        """One map of low distortion on a boundary that no certificate will accept: an illustration of the reason."""
+        with clock("optimisation"):
+            optimizer = self.optimizer(degenerate)
+            found = optimizer.minimise(
+                optimizer.harmonic(start),
+                progress=reporter(progress, "optimise"),
+                tolerance=ROUGH,
+                seconds=budget.seconds_left(),
+            )
+        entry = f"optimise: {len(found.history)} Newton steps, {found.stop}, smallest determinant "
+        return InteriorMap(
+            found.points, self.certify(found.points, clock), [f"{entry}{found.min_determinant:.3g}", reason], []
+        )
+
+    def certify(self, points: FloatArray, clock: Clock) -> Certificate:
+        """Proof of injectivity for shared control points."""
+        with clock("certificate"):
+            return certify(self.model(points))
+
+    def model(self, points: FloatArray) -> MultiPatch:
+        """The source with other control points; the last one is kept."""
+        last = self._thread.__dict__.get("model")
+        if last is None or last[0] is not points:
+            last = self._thread.model = points, self.source.with_shared_points(points)
+        return last[1]
+
+    def optimizer(
+        self,
+        degenerate: Sequence[tuple[int, int]],
+        nodes_per_degree: int = 2,
+        extra_nodes: Sequence[tuple[int, float, float]] = (),
+        null_space: csc_array | None = None,
+    ) -> SplineOptimizer:
+        """Optimizer on the source; symbolic work is kept, one optimizer a thread because it owns its buffers."""
+        excluded = sorted(set(degenerate) | set(self._degenerate))
+
+        def new() -> SplineOptimizer:
+            return SplineOptimizer(
+                self.source.topology,
+                self.reference,
+                nodes_per_degree=nodes_per_degree,
+                extra_nodes=extra_nodes,
+                excluded_corners=excluded,
+                null_space=null_space,
+            )
+
+        if extra_nodes:
+            return new()
+        cache: dict[tuple[object, ...], SplineOptimizer] = self._thread.__dict__.setdefault("optimizers", {})
+        # Rows follow the target, but where a basis has its entries seldom changes.
+        pattern = null_space is not None and (null_space.indptr.tobytes(), null_space.indices.tobytes())
+        key = (nodes_per_degree, tuple(excluded), pattern)
+        if key not in cache:
+            under_rows = [known for known in cache if known[-1]]
+            if pattern and len(under_rows) >= KEPT_PATTERNS:
+                del cache[under_rows[0]]
+            cache[key] = new()
+        elif null_space is not None:
+            cache[key].set_basis(null_space)
+        return cache[key]
+
+    @property
+    def _levels(self) -> tuple[str, ...]:
+        """Exact G1 follows the frames of a map with C1 rows."""
+        return CONTINUITY[1 : CONTINUITY.index(self.continuity) + 1]
+
+    def _rows(
+        self,
+        level: str,
+        reference: FloatArray,
+        released: Collection[Spoke] = (),
+        without: Collection[int] = (),
+    ) -> ContinuityRows:
+        """Continuity rows that follow the speeds and frames of a reference map."""
+        if level.startswith("g1"):
+            return g1_rows(self.source.topology, self._control, reference, without, linear=level == "g1 linear")
+        return self._c1(reference, released, without)

@@ -1,0 +1,1 @@
+"""Reports on a multi-patch: quality and continuity."""

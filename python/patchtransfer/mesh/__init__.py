@@ -1,0 +1,1 @@
+"""Triangle meshes of control nets, and discrete harmonic maps on them."""

@@ -1,0 +1,1 @@
+"""Between two models, and under dragged boundary points."""

@@ -1,0 +1,1 @@
+"""Arrays and dense linear algebra: one thread each, the same bits everywhere."""

@@ -1,0 +1,44 @@
+"""Arrays of numbers: their types, read-only copies, bit-equality."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+
+__all__ = ["FloatArray", "IntArray", "frozen_array", "same_bits"]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def frozen_array(values: ArrayLike, what: str) -> FloatArray:
+    """Return a read-only float64 copy of `values`; `InputError` if it has NaN, infinity or no numbers."""
+    try:
+        array = np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what}: not an array of numbers ({error})") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{what}: contains NaN or infinity")
+    array.flags.writeable = False
+    return array
+
+
+def same_bits(a: Any, b: Any, names: tuple[str, ...]) -> bool:
+    """Bit-equality of the named array attributes."""
+
+    def flat(x: Any) -> list[FloatArray | None]:
+        return list(x) if isinstance(x, tuple) else [x]
+
+    for name in names:
+        for x, y in zip(flat(getattr(a, name)), flat(getattr(b, name)), strict=True):
+            if x is None or y is None:
+                if x is not y:
+                    return False
+            elif not np.array_equal(x, y):
+                return False
+    degrees = ("degree", "degrees")
+    return all(a.__dict__.get(name) == b.__dict__.get(name) for name in degrees)

@@ -1,0 +1,1 @@
+"""The published method: Xu, Xiao, Xu, Gu, CMES 137(2), 2023."""

@@ -1,0 +1,1 @@
+"""The driver, its options and its result."""

@@ -1,0 +1,129 @@
+"""The result of a transfer with all its evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from typing import Any
+
+from ..errors import TransferError
+from ..fitting.fit import FittedBoundary
+from ..geometry.multipatch import MultiPatch
+from ..interior.under_rows import ActiveRows
+from ..measure.continuity import ContinuityReport
+from ..measure.quality import Quality
+from ..paper.method import PaperHistory
+from ..proof.certificate import Certificate
+from ..registration.register import Registration
+
+__all__ = ["NotCertifiedError", "TransferResult"]
+
+
+@dataclass(frozen=True, eq=False)
+class TransferResult:
+    """A transferred parameterization and its evidence.
+
+    Attributes
+    ----------
+    multipatch : MultiPatch
+        The source's patches, degrees, knots and interfaces on the target.
+    certificate : Certificate
+        Proof of injectivity, or where it fails.
+    quality : Quality
+        Scaled Jacobian and condition number (paper Eq. 19-21).
+    continuity : ContinuityReport
+        Gaps, C1 residual, kink angles and AS-G1 residual across interfaces.
+    rows : ActiveRows or None
+        The continuity rows that the result satisfies; None for ``continuity="c0"``, and where no injective map was
+        found to apply them to.
+    boundary_error : float
+        Hausdorff distance of the boundary to the target, relative to the target's diameter.
+    registration : Registration
+        Which boundary points correspond, with a confidence.
+    fitted : FittedBoundary
+        Boundary curves with the error of every side.
+    corner_bound : float
+        Upper bound of the minimum scaled Jacobian that the boundary's corners alone impose (1 without corners).
+    method : str
+    log : tuple of str
+        What each rung of the method did.
+    fit_failed : bool
+        Whether the fitted boundary itself rules out an injective map, or its proof; the map is only an illustration
+        then, and the log's last entry the reason.
+    warnings : tuple of str
+    timings : dict
+        Seconds per stage.
+    paper_history : PaperHistory or None
+        Iterations, flips, bounds and energies of ``method="paper"``.
+    """
+
+    multipatch: MultiPatch
+    certificate: Certificate
+    quality: Quality
+    continuity: ContinuityReport
+    rows: ActiveRows | None
+    boundary_error: float
+    registration: Registration
+    fitted: FittedBoundary
+    corner_bound: float
+    method: str
+    log: tuple[str, ...]
+    fit_failed: bool
+    warnings: tuple[str, ...]
+    timings: dict[str, float]
+    paper_history: PaperHistory | None = None
+
+    def with_warnings(self, texts: Sequence[str]) -> TransferResult:
+        """The result with more warnings."""
+        return replace(self, warnings=(*self.warnings, *texts))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the geometry, ready for JSON."""
+        return {
+            "certificate": self.certificate.to_dict(),
+            "quality": self.quality.to_dict(),
+            "corner_bound": self.corner_bound,
+            "continuity": self.continuity.to_dict() | {"rows": None if self.rows is None else self.rows.to_dict()},
+            "boundary_error": self.boundary_error,
+            "registration": {
+                "joints": [{"source": a.tolist(), "target": b.tolist()} for a, b in self.registration.joints],
+                "confidence": self.registration.confidence,
+                "landmarks": self.registration.landmarks.tolist(),
+                "runner_up": self.registration.runner_up and self.registration.runner_up.to_dict(),
+            },
+            "method": self.method,
+            "log": list(self.log),
+            "paper_history": None if self.paper_history is None else self.paper_history.to_dict(),
+            "timings": self.timings,
+            "warnings": list(self.warnings),
+            "error": None,
+        }
+
+    def __repr__(self) -> str:
+        return (
+            f"<TransferResult: {self.certificate.status}, scaled Jacobian "
+            f"{self.quality.scaled_jacobian.min:.3f} / {self.quality.scaled_jacobian.mean:.3f}, boundary error "
+            f"{self.boundary_error:.1e}>"
+        )
+
+    def _repr_png_(self) -> bytes | None:
+        return self.multipatch._repr_png_()
+
+    def _repr_html_(self) -> str:
+        summary = escape(repr(self)[1:-1])
+        return f"<p>{summary}</p>{self.multipatch._repr_html_()}"
+
+
+class NotCertifiedError(TransferError):
+    """The best map found has no proof of injectivity.
+
+    Attributes
+    ----------
+    result : TransferResult or None
+        The best map found, with its certificate and metrics.
+    """
+
+    def __init__(self, message: str, result: TransferResult | None = None) -> None:
+        super().__init__(message)
+        self.result = result

@@ -1,0 +1,16 @@
+"""Pictures: iso-parametric lines coloured by quality, boundaries and their correspondence, fields, animations."""
+
+from .fields import solution
+from .figures import boundary, html, multipatch, png, registration, savefig, slope_difference, transfer
+
+__all__ = [
+    "boundary",
+    "html",
+    "multipatch",
+    "png",
+    "registration",
+    "savefig",
+    "slope_difference",
+    "solution",
+    "transfer",
+]

@@ -1,0 +1,95 @@
+"""Figure of how control polygons bend across interfaces, without and with continuity rows (Fig. 10 of the paper)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..continuity.interfaces import control_rows
+from ..errors import InputError
+from ..geometry.multipatch import MultiPatch
+from ..numeric.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["slope_difference", "slope_differences"]
+
+BEFORE, AFTER, GRID = "#c8102e", "#1f5fbf", "#d9d9d9"
+#: Panels drawn when no interfaces are named.
+PANELS = 6
+
+
+def slope_differences(mp: MultiPatch) -> list[FloatArray]:
+    """Angle in degrees between L_j - s_j and s_j - R_j for every control point s_j of every interface.
+
+    L_j and R_j are the control points beside s_j in the patches on either side; NaN where one of them is s_j itself.
+    Along an interface the order is that of side a of the interface.
+    """
+    points, found = mp.topology.coordinates, []
+    for r, directed in zip(control_rows(mp.topology), mp.topology.directed_interfaces, strict=True):
+        u, v = points[r.curve] - points[r.left], points[r.right] - points[r.curve]
+        angle = np.degrees(np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
+        angle[(np.hypot(*u.T) == 0) | (np.hypot(*v.T) == 0)] = np.nan
+        found.append(np.abs(angle[::-1] if directed.reversed else angle))
+    return found
+
+
+def slope_difference(before: MultiPatch, after: MultiPatch, interfaces: Sequence[int] | None = None) -> Figure:
+    """Draw how much slopes differ on the two sides of interfaces, as Fig. 10 of the paper.
+
+    The paper takes differences of slopes; angles are drawn here, which do not blow up where a polygon is vertical.
+
+    Parameters
+    ----------
+    before, after : MultiPatch
+        The same patches and interfaces, without (red) and with (blue) continuity rows.
+    interfaces : sequence of int, optional
+        Which to draw; by default the six whose control polygons bend most in `before`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        When the models' interfaces differ, there are none, or an interface does not exist.
+    """
+    from matplotlib.figure import Figure
+
+    if before.interfaces != after.interfaces or not before.interfaces:
+        raise InputError("slope differences need two multi-patches with the same interfaces, and at least one")
+    red, blue = slope_differences(before), slope_differences(after)
+    if interfaces is None:
+        mean = np.array([np.nanmean(angles) if np.isfinite(angles).any() else 0.0 for angles in red])
+        interfaces = np.sort(np.argsort(-mean, kind="stable")[:PANELS]).tolist()
+    missing = [i for i in interfaces if not 0 <= i < len(red)]
+    if missing or not len(interfaces):
+        raise InputError(f"interface {missing[0] if missing else '(none)'} does not exist; there are {len(red)}")
+    columns = min(3, len(interfaces))
+    rows = -(-len(interfaces) // columns)
+    figure = Figure(figsize=(3.1 * columns + 0.6, 2.3 * rows + 0.5), layout="constrained")
+    top = max(1.0, *(float(np.nanmax(side[i], initial=0.0)) for side in (red, blue) for i in interfaces))
+    for k, index in enumerate(interfaces):
+        ax = figure.add_subplot(rows, columns, k + 1)
+        for angles, colour, marker, label in ((red, BEFORE, "o", "without rows"), (blue, AFTER, "s", "with rows")):
+            j = np.arange(len(angles[index])) + 1
+            ax.plot(j, angles[index], marker=marker, ms=4, lw=0.8, color=colour, label=label, clip_on=False)
+        f = before.interfaces[index]
+        names = f"patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
+        ax.set_title(names, fontsize=8.5)
+        ax.set_ylim(0, 1.05 * top)
+        ax.set_xticks(np.unique(np.linspace(1, len(red[index]), min(6, len(red[index]))).astype(int)))
+        ax.grid(axis="y", color=GRID, lw=0.5)
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.tick_params(labelsize=8, length=2)
+        if k % columns == 0:
+            ax.set_ylabel("slope difference (°)", fontsize=8.5)
+        if k // columns == rows - 1:
+            ax.set_xlabel("control point of the interface", fontsize=8.5)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    return figure

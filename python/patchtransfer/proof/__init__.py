@@ -1,0 +1,1 @@
+"""Proofs: whether a boundary admits a map, whether a multi-patch is injective."""

@@ -1,0 +1,1 @@
+"""Stage 2a: which points of two boundaries correspond."""

@@ -1,0 +1,1 @@
+"""Sources of transfers: layouts of quads."""
