@@ -75,7 +75,7 @@ __all__ = [
 
 
 # Loaded on first use: drawing, analysis and what runs many transfers are optional for everything else.
-_ON_FIRST_USE = ("batch", "examples", "iga", "io", "plot", "reproduce")
+_ON_FIRST_USE = ("batch", "examples", "iga", "plot", "reproduce")
 
 
 def __getattr__(name: str) -> ModuleType:

@@ -124,10 +124,7 @@ class _Once(Generic[T]):
         if topology is None:
             return self  # type: ignore[unreachable]
         key = self.name + topology.orientation.astype(np.int8).tobytes().hex() if self.oriented else self.name
-        if key not in topology.kept:
-            topology.kept[key] = self.find(topology)
-        found: T = topology.kept[key]
-        return found
+        return topology.kept_for(key, self.find)
 
 
 def combinatorial(find: Callable[[Any], T]) -> _Once[T]:

@@ -75,6 +75,11 @@ class Cell:
     value: float
     within_rounding: bool = False
 
+    @property
+    def corner(self) -> int:
+        """Which corner of the cell `point` is, numbered like a patch's: (0,0), (1,0), (0,1), (1,1)."""
+        return int(self.point[0] == self.bounds[1]) + 2 * int(self.point[1] == self.bounds[3])
+
 
 @dataclass(frozen=True)
 class Meeting:

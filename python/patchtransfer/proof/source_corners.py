@@ -38,14 +38,7 @@ def straighten_source(multipatch: MultiPatch, certificate: Certificate) -> tuple
         The same where nothing is to be mended.
     notes : list of str
     """
-    corners = [
-        (cell.patch, 2 * (u == cell.bounds[1]) + (v == cell.bounds[3]))
-        for cell in certificate.cells
-        if cell.within_rounding
-        for u, v in [cell.point]
-    ]
-    # Patch corners are numbered (0,0), (1,0), (0,1), (1,1).
-    corners = [(k, (0, 2, 1, 3)[c]) for k, c in corners]
+    corners = [(cell.patch, cell.corner) for cell in certificate.cells if cell.within_rounding]
     topology = multipatch.topology
     points, moved = straighten(topology.coordinates, corner_triangles(topology, corners))
     if not moved:
