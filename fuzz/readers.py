@@ -25,7 +25,7 @@ with atheris.instrument_imports(include=["patchtransfer", "svgpathtools"]):
     import patchtransfer as pt
     from patchtransfer import io
     from patchtransfer.io import gismo, layout_json, points, svg
-    from patchtransfer.io.json_text import json_text
+    from patchtransfer.files import json_text
 
 #: Above what a run takes by itself, and above atheris' own tables.
 MEMORY = 2 * 2**30

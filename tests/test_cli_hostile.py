@@ -19,8 +19,8 @@ import patchtransfer as pt
 import targets
 from patchtransfer import files as whole_files
 from patchtransfer import interruption, limits
+from patchtransfer.files import json_text
 from patchtransfer.io import points, safe_xml
-from patchtransfer.io.json_text import json_text
 from patchtransfer.io.loops import chain
 from test_cli import failed, run
 

@@ -25,7 +25,7 @@ from patchtransfer.fitting.fit import FREE, STIFF, fit_boundary
 
 # The package exports the function under the module's name.
 from patchtransfer.fitting.refinement import refine_uniformly
-from patchtransfer.pipeline.plan import MISSED
+from patchtransfer.pipeline.source_boundary import MISSED, SourceBoundary
 from patchtransfer.registration.register import register
 from test_transfer import SLOT, notched
 
@@ -208,12 +208,12 @@ def test_a_closer_fit_that_rules_out_a_map_is_not_taken(factor, angle):
     """Free slides turn a corner beyond 180 degrees, or let a side cross itself, for all targets nearby too."""
     mp = examples.load("frame")[0]
     target, landmarks = targets.deformed(mp, targets.stretch(factor, angle))
-    plan = pt.TransferPlan(mp, "c0")
+    boundary = SourceBoundary(mp.boundary().loops, mp.topology)
     registration = register(mp.boundary().loops, target, landmarks)
-    free, fitted = (fit_boundary(registration, plan._single, stiffness=s) for s in (FREE, STIFF))
+    free, fitted = (fit_boundary(registration, boundary.single, stiffness=s) for s in (FREE, STIFF))
     assert free.error < fitted.error > MISSED * 1e-3
-    assert plan._check_fit(free)[2] is not None
-    result = plan.transfer(target, landmarks)
+    assert boundary.check(free).failure is not None
+    result = pt.transfer(mp, target, landmarks, "c0")
     assert result.certificate.injective
     assert result.boundary_error == fitted.error
 

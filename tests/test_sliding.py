@@ -8,16 +8,14 @@ import patchtransfer as pt
 import targets
 from patchtransfer import InputError
 from patchtransfer.geometry.outline import Outline
+from patchtransfer.interior.solver import InteriorSolver
+from patchtransfer.pipeline.inside import slide
+from patchtransfer.pipeline.options import Options, Run
+from patchtransfer.pipeline.posed import Registered
 from patchtransfer.pipeline.sliding import _modes, movable_joints
+from patchtransfer.pipeline.source_boundary import SourceBoundary
 from patchtransfer.progress import Budget, Clock
 from patchtransfer.registration.register import register
-
-
-def energy_log(result: pt.TransferResult) -> tuple[float, float]:
-    line = next(line for line in result.log if line.startswith("joints slid"))
-    before, after = line.rsplit("energy ", 1)[1].split(" -> ")
-    return float(before), float(after)
-
 
 CASES = {
     "annulus, swirl": (lambda: models.annulus(6, 3, 2), lambda mp: targets.swirl(mp, (0.3, 0.5), 40, 0.4)),
@@ -35,7 +33,7 @@ def test_sliding_lowers_the_energy_and_keeps_the_fit(name):
     plan = pt.TransferPlan(mp)
     fixed = plan.transfer(target, fixed_correspondence=True)
     slid = plan.transfer(target)
-    before, after = energy_log(slid)
+    before, after = slid.sliding.energies[0], slid.sliding.energies[-1]
     assert 2.6 - 1e-9 <= after <= before
     assert slid.certificate.injective
     assert slid.boundary_error <= max(1e-3, 1.2 * fixed.boundary_error) * (1 + 1e-9)
@@ -56,12 +54,10 @@ def test_joints_shifted_along_the_loop_slide_back():
         s = outline.joints[:-1] + 0.1 * np.diff(outline.joints).min() * rng.uniform(-1, 1, len(outline.joints) - 1)
         rows.append(np.column_stack([outline.point(outline.joints[:-1]), outline.point(s)]))
     wrong = register(target.loops, target, np.concatenate(rows))
-    plan = pt.TransferPlan(mp)
-    clock = Clock()
-    movable = [np.ones(6, bool)] * 2
-    fitted = plan._fit(wrong, "certified", 1e-3, clock)
-    result = plan._attempt(wrong, fitted, movable, "certified", None, 1e-3, clock, Budget())
-    before, after = energy_log(result)
+    boundary, run = SourceBoundary(target.loops, mp.topology), Run(Options(), Clock(), Budget())
+    posed = boundary.pose(Registered(wrong, None), boundary.fit(wrong, run), run)
+    _, sliding = slide(posed, [np.ones(6, bool)] * 2, boundary, InteriorSolver(mp, "c1"), run)
+    before, after = sliding.energies[0], sliding.energies[-1]
     assert after - 2.6 < 0.1 * (before - 2.6)
 
 
@@ -89,7 +85,7 @@ def test_landmarks_fix_the_correspondence_unless_told_otherwise():
         np.testing.assert_allclose(b, f(a[None])[0], atol=1e-6 * target.diameter)
     some = landmarks[::4]
     slid = pt.transfer(mp, target, some, fixed_correspondence=False)
-    before, after = energy_log(slid)
+    before, after = slid.sliding.energies[0], slid.sliding.energies[-1]
     assert after < before
     for row in some:
         image = min(slid.registration.joints, key=lambda pair: np.linalg.norm(pair[0] - row[:2]))[1]

@@ -50,6 +50,9 @@ def test_curves_agree_with_scipy(curve):
             slope = np.column_stack([PPoly.from_spline(c)(t, order) for c in columns])
             np.testing.assert_allclose(curve(t, order), slope, atol=1e-12 * (np.abs(slope).max() + size(curve)))
         assert BSplineCurve.from_scipy(curve.to_scipy()) == curve
+        # Results do not depend on which of the two evaluates.
+        for order in range(4):
+            assert np.array_equal(curve(t, order), curve.to_scipy()(t, nu=order))
 
 
 @quick

@@ -1,16 +1,19 @@
-"""Whole files, read with clear errors and written atomically: others see the old file or the new one."""
+"""Whole files, read with clear errors and written atomically: others see the old file or the new one. And JSON text."""
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import secrets
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from .errors import InputError
 from .limits import MAX_FILE_BYTES
 
-__all__ = ["read_bytes", "write_atomic"]
+__all__ = ["json_text", "read_bytes", "write_atomic"]
 
 
 def read_bytes(path: Path) -> bytes:
@@ -78,3 +81,16 @@ def write_atomic(path: Path, data: str | bytes) -> None:
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def json_text(content: Any, indent: int = 2) -> str:
+    """JSON text of dictionaries, sequences, texts and numbers; NaN and infinity, which JSON has not, are null."""
+    return json.dumps(_finite(content), indent=indent, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

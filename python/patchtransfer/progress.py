@@ -7,13 +7,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["STOPPED", "Budget", "Clock", "Progress", "reporter"]
+__all__ = ["Budget", "Clock", "Progress", "StopReason", "reporter"]
 
 #: Called with (stage, step, energy, smallest scaled determinant) before every Newton step.
 Progress = Callable[[str, int, float, float], None]
-
-#: What reasons of a search that was ended begin with.
-STOPPED = "stopped by"
 
 #: Work of a transfer's searches: 8 to 10 s on one core of a present machine, at 0.13 to 0.17 µs a node. The hardest
 #: boundary of the tests spends 38 million in one search and is certified; nearly all others need less than a tenth.
@@ -25,6 +22,10 @@ STEPS = 3000
 def reporter(progress: Progress | None, stage: str) -> Callable[[int, float, float], None] | None:
     """A stage's own progress callback."""
     return None if progress is None else (lambda step, energy, least: progress(stage, step, energy, least))
+
+
+class StopReason(str):
+    """Last entry in the log of a search that its budget has ended."""
 
 
 class Clock:
@@ -103,8 +104,8 @@ class Budget:
         """Until the time is over; None without a limit."""
         return None if math.isinf(self._end) else max(self._end - time.monotonic(), 0.0)
 
-    def reason(self) -> str:
+    def reason(self) -> StopReason:
         """Why a search that used it up has ended."""
         if self.expired():
-            return f"{STOPPED} the time limit of {self.time_limit:g} s"
-        return f"{STOPPED} the budget of Newton steps: what would be tried next seldom helps"
+            return StopReason(f"stopped by the time limit of {self.time_limit:g} s")
+        return StopReason("stopped by the budget of Newton steps: what would be tried next seldom helps")

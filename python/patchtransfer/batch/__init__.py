@@ -25,9 +25,8 @@ from typing import Any
 from .. import interruption, io
 from .._core import __version__, set_threads
 from ..errors import InputError, TransferError
-from ..files import write_atomic
-from ..io.json_text import json_text
-from ..pipeline.options import check_fit_tolerance, check_time_limit
+from ..files import json_text, write_atomic
+from ..pipeline.options import Options
 from ..pipeline.plan import TransferPlan
 from ..pipeline.result import NotCertifiedError
 
@@ -39,14 +38,14 @@ SUMMARY = ("summary.csv", "summary.json")
 
 
 @dataclass(frozen=True)
-class BatchOptions:
-    """Options of every transfer, as in `TransferPlan.transfer`; `time_limit` is each target's own."""
+class BatchOptions(Options):
+    """Options of every transfer; `time_limit` is each target's own, `keep_uncertified` writes the best maps."""
 
-    method: str = "certified"
-    refine: str = "never"
-    fit_tolerance: float = 1e-3
     keep_uncertified: bool = False
-    time_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "on_failure", "return" if self.keep_uncertified else self.on_failure)
 
 
 @dataclass(frozen=True)
@@ -146,8 +145,6 @@ def run_batch(
     jobs = _jobs(source, [Path(t) for t in targets], folder)
     model = io.read(source)
     plan = TransferPlan(model) if continuity is None else TransferPlan(model, continuity)
-    check_fit_tolerance(options.fit_tolerance)
-    check_time_limit(options.time_limit)
     common = _digest(__version__.encode(), source.read_bytes(), json.dumps([asdict(options), plan.continuity]).encode())
     jobs = [_keyed(job, common) for job in jobs]
     try:
@@ -246,15 +243,7 @@ def _transfer(plan: TransferPlan, job: _Job, options: BatchOptions) -> BatchRow:
     try:
         target = io.read_boundary(job.target)
         points = None if job.landmarks is None else io.read_landmarks(job.landmarks)
-        result = plan.transfer(
-            target,
-            points,
-            method=options.method,
-            refine=options.refine,
-            fit_tolerance=options.fit_tolerance,
-            on_failure="return" if options.keep_uncertified else "raise",
-            time_limit=options.time_limit,
-        )
+        result = plan.transfer(target, points, **options.keywords())
     except BaseException as error:
         if isinstance(error, (KeyboardInterrupt, SystemExit)):
             raise

@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,13 +14,14 @@ from .support import (
     INTERRUPTED,
     NOT_CERTIFIED,
     Report,
+    continuity_option,
     escape,
     failures,
     keep_inputs,
     print_error,
     print_line,
     say,
-    time_limit_option,
+    transfer_options,
 )
 
 if TYPE_CHECKING:
@@ -33,34 +34,20 @@ __all__ = ["batch"]
 @click.argument("source", type=click.Path())
 @click.argument("targets", type=click.Path(), nargs=-1, required=True)
 @click.option("-o", "--output", required=True, metavar="DIR", help="Folder for all files; made if it does not exist.")
-@click.option("--continuity", type=click.Choice(["c0", "c1", "g1"]), help="Across patches; default as of transfer.")
-@click.option("--method", type=click.Choice(["certified", "paper"]), default="certified", show_default=True)
-@click.option(
-    "--refine",
-    type=click.Choice(["never", "auto"]),
-    default="never",
-    show_default=True,
-    help="auto: insert knots into the source where it misses a target; refine it if no certified map is found.",
-)
-@click.option("--fit-tolerance", type=float, default=1e-3, show_default=True, metavar="X", help="Boundary error.")
-@click.option("--keep-uncertified", is_flag=True, help="Write the best maps even without a certificate.")
+@continuity_option
+@transfer_options
 @click.option(
     "--workers", type=click.IntRange(1, 256), metavar="N", help="Processes (default: one a core, at most one a target)."
 )
-@time_limit_option
 @click.option("--force", is_flag=True, help="Do finished targets again.")
 def batch(
     source: str,
     targets: tuple[str, ...],
     output: str,
-    continuity: str | None,
-    method: str,
-    refine: str,
-    fit_tolerance: float,
-    keep_uncertified: bool,
+    continuity: str,
     workers: int | None,
-    time_limit: float | None,
     force: bool,
+    **options: Any,
 ) -> None:
     """Transfer SOURCE to all TARGETS; for NAME.svg write NAME.xml and NAME.report.json to DIR.
 
@@ -71,7 +58,6 @@ def batch(
     from ..batch import SUMMARY, BatchOptions, run_batch, write_summary
 
     processes = min(os.cpu_count() or 1, len(targets)) if workers is None else workers
-    options = BatchOptions(method, refine, fit_tolerance, keep_uncertified, time_limit)
     with failures(Report(None)):
         keep_inputs([source, *targets], [os.path.join(output, name) for name in SUMMARY])
         try:
@@ -80,7 +66,7 @@ def batch(
                     source,
                     targets,
                     output,
-                    options,
+                    BatchOptions(**options),
                     continuity=continuity,
                     workers=processes,
                     force=force,

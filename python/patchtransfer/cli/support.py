@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import warnings
@@ -9,17 +10,16 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from io import StringIO
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, TextIO, cast
 
 import click
 from rich import markup
 from rich.console import Console, RenderableType
 
 from .. import interruption
-from ..errors import InputError, InputWarning, TransferError
-from ..files import write_atomic
-from ..io.json_text import json_text
-from ..pipeline.result import NotCertifiedError
+from ..errors import InfeasibleTargetError, InputError, InputWarning, TransferError
+from ..files import json_text, write_atomic
+from ..pipeline.options import CHOICES, Options
 
 __all__ = [
     "INTERRUPTED",
@@ -28,6 +28,8 @@ __all__ = [
     "Report",
     "all_or_nothing",
     "check_outputs",
+    "chosen",
+    "continuity_option",
     "escape",
     "failures",
     "json_option",
@@ -38,7 +40,8 @@ __all__ = [
     "say",
     "set_threads",
     "status_line",
-    "time_limit_option",
+    "summary",
+    "transfer_options",
     "warn",
     "write_out",
 ]
@@ -145,10 +148,9 @@ def failures(report: Report) -> Iterator[None]:
         status, message = _outcome(error)
         print_error(message)
         if status != INTERRUPTED:
-            result = error.result if isinstance(error, NotCertifiedError) else None
             # Standard output may be what failed; one line is enough.
             with suppress(InputError):
-                report.write(({} if result is None else result.to_dict()) | {"error": message}, failed=True)
+                report.write(_best_map(error) | {"error": message}, failed=True)
         sys.exit(status)
 
 
@@ -157,10 +159,10 @@ def _outcome(error: BaseException) -> tuple[int, str]:
     # Some libraries turn an interruption of their import into an error of their own.
     if isinstance(error, (KeyboardInterrupt, click.Abort)) or interruption.happened:
         return INTERRUPTED, "interrupted; nothing was written"
-    if isinstance(error, NotCertifiedError):
-        return NOT_CERTIFIED, str(error)
-    if isinstance(error, TransferError):
+    if isinstance(error, (InputError, InfeasibleTargetError)):
         return BAD_INPUT, str(error)
+    if isinstance(error, TransferError):
+        return NOT_CERTIFIED, str(error)
     if isinstance(error, MemoryError):
         return BAD_INPUT, "not enough memory for a model of this size; take a coarser one"
     if isinstance(error, OSError) and error.strerror:
@@ -169,6 +171,13 @@ def _outcome(error: BaseException) -> tuple[int, str]:
     # No bad file should get here. Those who see it can help to find out why one did.
     what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     return BAD_INPUT, f"unexpected {what} (please report this with the files; PATCHTRANSFER_TRACEBACK=1 shows where)"
+
+
+def _best_map(error: BaseException) -> dict[str, Any]:
+    """The report on the best map that an error comes with."""
+    # Those of bad input come without, and before the result's module is loaded.
+    result = getattr(error, "result", None)
+    return {} if result is None else cast(dict[str, Any], result.to_dict())
 
 
 class Commands(click.Group):
@@ -252,12 +261,55 @@ def set_threads(threads: int | None) -> None:
 
 
 json_option = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
-time_limit_option = click.option(
-    "--time-limit",
-    type=float,
-    metavar="S",
-    help="Seconds for a target, after which the search ends with the best map so far (default: none).",
+continuity_option = click.option(
+    "--continuity", type=click.Choice(["c0", "c1", "g1"]), default="c1", show_default=True, help="Across patches."
 )
+
+
+def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The options of a transfer, for `chosen`."""
+    for option in reversed(
+        (
+            click.option("--method", type=click.Choice(CHOICES["method"]), default=Options.method, show_default=True),
+            click.option(
+                "--refine",
+                type=click.Choice(CHOICES["refine"]),
+                default=Options.refine,
+                show_default=True,
+                help="auto: insert knots into the source where it misses the target; refine it if no certified map is "
+                "found.",
+            ),
+            click.option(
+                "--fit-tolerance",
+                type=float,
+                default=Options.fit_tolerance,
+                show_default=True,
+                metavar="X",
+                help="Boundary error.",
+            ),
+            click.option(
+                "--fixed-correspondence/--sliding-joints",
+                default=None,
+                help="Keep all joints where registration puts them (default with landmarks), or let those that are "
+                "neither corners nor landmarks slide to lower the distortion (default without).",
+            ),
+            click.option("--keep-uncertified", is_flag=True, help="Write the best map even without a certificate."),
+            click.option(
+                "--time-limit",
+                type=float,
+                metavar="S",
+                help="Seconds for a target, after which the search ends with the best map so far (default: none).",
+            ),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def chosen(options: dict[str, Any]) -> Options:
+    """What the user chose of `transfer_options`."""
+    given = dict(options)
+    return Options(on_failure="return" if given.pop("keep_uncertified") else "raise", **given)
 
 
 @contextmanager
@@ -273,3 +325,52 @@ def status_line() -> Iterator[Callable[[str, int, float, float], None] | None]:
             status.update(f"{stage}: step {step}, energy {energy:.4g}, smallest determinant {determinant:.3g}")
 
         yield show
+
+
+def summary(content: dict[str, Any], output: str | None) -> None:
+    """Certificate, metrics, errors and times as a table."""
+    from rich.table import Table
+
+    table = Table(show_header=False, box=None, pad_edge=False)
+    certificate, metrics = content["certificate"], content["quality"]
+    bound = f", det J ≥ {certificate['lower_bound']:.3g} of its mean" if certificate["status"] == "certified" else ""
+    colour = "green" if certificate["injective"] else "red"
+    table.add_row("certificate", f"[bold {colour}]{certificate['status']}[/]{bound}")
+    for name in ("scaled_jacobian", "condition_number"):
+        low, mean, high = (_number(metrics[name][k]) for k in ("min", "mean", "max"))
+        table.add_row(name.replace("_", " "), f"min {low}   mean {mean}   max {high}")
+    if "corner_bound" in content:
+        table.add_row("  corners allow at most", _number(content["corner_bound"]))
+    kink = content["continuity"]["kink_deg"]
+    table.add_row("kink across patches", f"mean {_number(kink['mean'])}°   max {_number(kink['max'])}°")
+    smooth = content["continuity"]
+    table.add_row(
+        "residuals across patches",
+        f"C0 {smooth['c0_gap']:.1e}   C1 rows {smooth['c1_residual']:.1e}   AS-G1 {smooth['as_g1_residual']:.1e}",
+    )
+    if smooth.get("rows") is not None:
+        rows = smooth["rows"]
+        table.add_row(
+            "continuity rows", f"{rows['active']} kept to {rows['residual']:.1e}, {rows['left_out']} left out"
+        )
+    if "topology" in content:
+        topology = content["topology"]
+        valences = ", ".join(map(str, sorted(v["valence"] for v in topology["extraordinary_vertices"])))
+        table.add_row(
+            "topology",
+            f"{topology['patches']} patches, {topology['interfaces']} interfaces, "
+            f"{topology['boundary_loops']} boundary loops, valences of extraordinary vertices: {valences or 'none'}",
+        )
+    if "boundary_error" in content:
+        table.add_row("boundary error", f"{content['boundary_error']:.2e} of the diameter")
+        times = content["timings"]
+        table.add_row("time", f"{1e3 * sum(times.values()):.1f} ms")
+        for stage, seconds in times.items():
+            table.add_row(f"  {stage}", f"{1e3 * seconds:.1f} ms")
+    if output is not None:
+        table.add_row("written", output)
+    say(table)
+
+
+def _number(x: float | None) -> str:
+    return "-" if x is None or math.isnan(x) else f"{x:.4g}"

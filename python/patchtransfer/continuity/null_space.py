@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array
-from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
 from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.components import components
 from ..numeric.definite import DefiniteFactor
 from ..numeric.dense import least_squares, product, svd
 from .rows import ContinuityRows
@@ -344,7 +344,7 @@ def _tied(matrix: csr_array) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
     m, row = matrix.shape[0], np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
     used, column = np.unique(matrix.indices, return_inverse=True)
     size = m + len(used)
-    label = connected_components(csr_array((np.ones(len(row)), (row, m + column)), shape=(size, size)), False)[1]
+    label = components(size, row, m + column)
     by_row, by_column = np.argsort(label[:m], kind="stable"), np.argsort(label[m:], kind="stable")
     heights, widths = (np.bincount(x, minlength=int(label.max()) + 1) for x in (label[:m], label[m:]))
     top, left = np.cumsum(heights) - heights, np.cumsum(widths) - widths

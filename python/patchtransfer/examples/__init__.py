@@ -12,10 +12,9 @@ from pathlib import Path
 
 from .. import io
 from ..errors import InputError
-from ..files import write_atomic
+from ..files import json_text, write_atomic
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
-from ..io.json_text import json_text
 from ..numeric.arrays import FloatArray
 from ..pipeline.plan import transfer
 from ..pipeline.result import TransferResult

@@ -9,8 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline
 
+from .._core import evaluate_spline
 from ..errors import InputError
 from ..numeric import dense
 from ..numeric.arrays import FloatArray, frozen_array
@@ -26,6 +26,7 @@ __all__ = [
     "knot_spans",
     "reverse_knots",
     "span_basis",
+    "spline_values",
 ]
 
 
@@ -81,8 +82,17 @@ def greville(knots: FloatArray, degree: int) -> FloatArray:
 def collocation_matrix(knots: ArrayLike, degree: int, t: ArrayLike, order: int = 0) -> FloatArray:
     """Values of all basis functions' derivatives of `order` at the points `t`, shape (len(t), n)."""
     knots = np.asarray(knots, dtype=np.float64)
-    basis = BSpline(knots, np.eye(len(knots) - degree - 1), degree)
-    return np.asarray(basis(np.asarray(t, dtype=np.float64), nu=order))
+    return spline_values(knots, degree, np.eye(len(knots) - degree - 1), np.asarray(t, dtype=np.float64), order)
+
+
+def spline_values(
+    knots: FloatArray, degree: int, coefficients: FloatArray, t: FloatArray, order: int = 0
+) -> FloatArray:
+    """Values, or derivatives of `order`, of a spline with coefficients (n, d) at parameters of any shape: (..., d).
+
+    As SciPy's `BSpline`, to the bit, without its import, which takes longer than to check a model.
+    """
+    return evaluate_spline(knots, degree, coefficients, t.ravel(), order).reshape(*t.shape, -1)
 
 
 def check_samples(samples: int) -> None:
@@ -122,10 +132,10 @@ def _span_basis(knot_bytes: bytes, degree: int, samples: int) -> tuple[FloatArra
     basis = np.zeros((3, m, samples, n))
     for span in range(m):
         last = int(np.searchsorted(knots, breaks[span], side="right")) - 1
-        # The 2p + 2 knots around one span hold no other span: SciPy cannot look beyond its ends.
-        local = BSpline(knots[last - degree : last + degree + 2], np.eye(degree + 1), degree)
+        # The 2p + 2 knots around one span hold no other span: evaluation cannot look beyond its ends.
+        local, unit = knots[last - degree : last + degree + 2], np.eye(degree + 1)
         for order in range(min(degree, 2) + 1):
-            basis[order, span, :, last - degree : last + 1] = local(t[span], nu=order)
+            basis[order, span, :, last - degree : last + 1] = spline_values(local, degree, unit, t[span], order)
     t, out = t.ravel(), basis.reshape(3, -1, n)
     t.flags.writeable = out.flags.writeable = False
     return t, tuple(out)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline
 
 from .._core import bezier_extract
 from ..errors import InputError
 from ..numeric.arrays import FloatArray, frozen_array, same_bits
-from .basis import check_knots, check_weights, elevate, insert_knots, knot_spans, reverse_knots
+from .basis import check_knots, check_weights, elevate, insert_knots, knot_spans, reverse_knots, spline_values
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 __all__ = ["BSplineCurve"]
 
@@ -105,9 +107,8 @@ class BSplineCurve:
         """Point (or derivative of `order` 0, 1 or 2) at the parameters `t`, shape (..., 2)."""
         t = np.asarray(t, dtype=np.float64)
         if self.weights is None:
-            return np.asarray(BSpline(self.knots, self.control_points, self.degree)(t, nu=order))
-        spline = BSpline(self.knots, self.homogeneous(), self.degree)
-        h = [spline(t, nu=k) for k in range(order + 1)]
+            return spline_values(self.knots, self.degree, self.control_points, t, order)
+        h = [spline_values(self.knots, self.degree, self.homogeneous(), t, k) for k in range(order + 1)]
         weight = h[0][..., 2:]
         point = h[0][..., :2] / weight
         if order == 0:
@@ -161,6 +162,8 @@ class BSplineCurve:
         """`scipy.interpolate.BSpline` of a polynomial curve."""
         if self.weights is not None:
             raise InputError("SciPy has no rational splines; use homogeneous() instead")
+        from scipy.interpolate import BSpline
+
         return BSpline(self.knots, self.control_points, self.degree)
 
     @classmethod

@@ -9,16 +9,18 @@ of those that touch the ends of the sides.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..errors import InputError
 from ..numeric.arrays import FloatArray, IntArray
 from .basis import reverse_knots
 from .patch import Patch
 from .sides import Interface, Side
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 __all__ = ["check_interfaces", "infer_interfaces"]
 
@@ -71,7 +73,7 @@ def infer_interfaces(patches: Sequence[Patch], tolerance: float | None = None) -
     thickness = np.array([_thickness(net, rounding) for net in nets])
     sides = _sides(nets, thickness)
     corners = np.array([net[corner] for net in nets for corner in CORNERS])
-    tree = cKDTree(corners)
+    tree = _tree(corners)
     found: list[Interface] = []
     used: set[int] = set()
     for gap, i, j, backwards in sorted(_coinciding(sides, largest, rounding)):
@@ -179,7 +181,7 @@ def _coinciding(sides: _Sides, largest: float, rounding: float) -> Iterator[tupl
     """Pairs of sides that may be one by the thickness of their own patches: gap, sides, whether backwards."""
     reach = np.maximum(np.minimum(largest, OF_THICKNESS * sides.thickness), rounding)
     nearest = min(NEAREST, len(sides.points))
-    _, neighbours = cKDTree(sides.middles).query(sides.middles, nearest, p=np.inf, distance_upper_bound=reach.max())
+    _, neighbours = _tree(sides.middles).query(sides.middles, nearest, p=np.inf, distance_upper_bound=reach.max())
     # Missing neighbours have the number n.
     pairs = {
         (min(i, j), max(i, j))
@@ -193,6 +195,13 @@ def _coinciding(sides: _Sides, largest: float, rounding: float) -> Iterator[tupl
         # A side that is a point has nothing to glue.
         if gap <= min(reach[i], reach[j]) and np.ptp(a, axis=0).max() > max(2 * gap, rounding):
             yield gap, i, j, backwards
+
+
+def _tree(points: FloatArray) -> cKDTree:
+    # Only models without a list of interfaces need it, and it takes as long to load as to check them.
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points)
 
 
 def _thinnest(tree: cKDTree, ends: FloatArray, radius: float, thickness: FloatArray) -> float:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import NdBSpline
 
 from ..errors import InputError
 from ..numeric import dense
@@ -19,6 +18,8 @@ from ..numeric.arrays import FloatArray, frozen_array, same_bits
 from .basis import check_knots, check_weights, collocation_matrix, elevate, insert_knots, knot_spans
 
 if TYPE_CHECKING:
+    from scipy.interpolate import NdBSpline
+
     from .._core import PatchTuple
 
 __all__ = ["Patch"]
@@ -192,6 +193,8 @@ class Patch:
         """`scipy.interpolate.NdBSpline` of a polynomial patch."""
         if self.weights is not None:
             raise InputError("SciPy has no rational splines")
+        from scipy.interpolate import NdBSpline
+
         return NdBSpline(self.knots, self.control_points, self.degrees)
 
     @classmethod

@@ -14,11 +14,10 @@ from functools import cached_property, lru_cache
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
 from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.components import components
 from .areas import SideGroup, enclosed_areas, group_sides, numbered, signed_areas
 from .curve import BSplineCurve
 from .patch import Patch
@@ -98,16 +97,9 @@ def identify(shapes: Sequence[tuple[int, int]], interfaces: Sequence[Interface])
         first.append(f.side_a.of(raw[f.patch_a]))
         along_b = f.side_b.of(raw[f.patch_b])
         second.append(along_b[::-1] if f.reversed else along_b)
-    i, j = np.concatenate(first), np.concatenate(second)
-    graph = coo_array((np.ones(len(i)), (i, j)), shape=(offsets[-1], offsets[-1]))
-    _, labels = connected_components(graph, directed=False)
-    # Number the shared points by first appearance, so that the numbering does not depend on the library.
-    _, first_seen, inverse = np.unique(labels, return_index=True, return_inverse=True)
-    rank = np.empty(len(first_seen), int)
-    rank[np.argsort(first_seen)] = np.arange(len(first_seen))
-    shared = rank[inverse]
+    shared = components(int(offsets[-1]), np.concatenate(first), np.concatenate(second))
     points = [shared[offsets[k] : offsets[k + 1]].reshape(shape) for k, shape in enumerate(shapes)]
-    return points, len(first_seen)
+    return points, int(shared.max()) + 1
 
 
 class _Once(Generic[T]):
@@ -234,10 +226,9 @@ class Topology:
     @combinatorial
     def n_components(self) -> int:
         """Number of connected components."""
-        a = [f.patch_a for f in self.interfaces]
-        b = [f.patch_b for f in self.interfaces]
-        n = len(self.patches)
-        return int(connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[0])
+        a = np.array([f.patch_a for f in self.interfaces], int)
+        b = np.array([f.patch_b for f in self.interfaces], int)
+        return int(components(len(self.patches), a, b).max()) + 1
 
     def directed_side(self, patch: int, side: Side) -> BoundarySide:
         """A side with the interior of its patch on the left."""

@@ -13,11 +13,11 @@ from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array, csr_array, hstack
-from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
 from ..geometry.multipatch import MultiPatch
 from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.components import components
 from ..numeric.dense import product, svd
 from .gluing import Gluing, c1_rows, gluing_of, name_of
 from .space import SplineSpace
@@ -223,7 +223,7 @@ class C1Space:
         keep = np.abs(rows.data) > 0
         i, j = rows.row[keep] + len(names), which[rows.col[keep]]
         n = len(names) + rows.shape[0]
-        _, label = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(n, n)), directed=False)
+        label = components(n, i, j)
         dense = rows.tocsr()
         out = []
         for group in np.unique(label[: len(names)]):

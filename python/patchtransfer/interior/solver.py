@@ -19,7 +19,7 @@ from ..geometry.patch import Patch
 from ..geometry.topology import Spoke
 from ..numeric.arrays import FloatArray
 from ..paper.method import PaperHistory, paper_map
-from ..progress import Budget, Clock, Progress, reporter
+from ..progress import Budget, Clock, Progress, StopReason, reporter
 from ..proof.certificate import Certificate, certify
 from .optimizer import ROUGH, Certify, SplineOptimizer, degenerate_corners, optimize_with_ladder, step_cost
 from .under_rows import ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
@@ -60,6 +60,12 @@ class InteriorMap:
     notes: list[str]
     rows: ActiveRows | None = None
     history: PaperHistory | None = None
+
+    @property
+    def stopped(self) -> StopReason | None:
+        """Why the search that came last was ended, if its budget ended it."""
+        last = self.log[-1] if self.log else None
+        return last if isinstance(last, StopReason) else None
 
 
 class InteriorSolver:

@@ -6,14 +6,12 @@ from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from ..errors import InputError
 from ..geometry.basis import insert_knots
 from ..geometry.curve import BSplineCurve
 from ..numeric.arrays import FloatArray
+from ..numeric.components import components
 
 __all__ = ["TOLERANCE", "chain", "clamp", "close_loop"]
 
@@ -133,12 +131,13 @@ def _vertices(curves: Sequence[BSplineCurve], tolerance: float) -> list[tuple[in
     ends = np.array([point for c in curves for point in (c.start, c.end)])
     places, which = np.unique(ends, axis=0, return_inverse=True)
     nearest = min(NEAREST, len(places))
+    from scipy.spatial import cKDTree
+
     _, near = cKDTree(places).query(places, nearest, distance_upper_bound=np.nextafter(tolerance, np.inf))
     i, j = np.repeat(np.arange(len(places)), nearest), np.asarray(near).ravel()
     # Missing neighbours have the number n.
     i, j = i[j < len(places)], j[j < len(places)]
-    graph = coo_array((np.ones(len(i)), (i, j)), shape=(len(places), len(places)))
-    labels = connected_components(graph, directed=False)[1][which.ravel()].tolist()
+    labels = components(len(places), i, j)[which.ravel()].tolist()
     return list(zip(labels[::2], labels[1::2], strict=True))
 
 

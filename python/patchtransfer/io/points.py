@@ -16,10 +16,10 @@ tangent takes the edge's direction.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, make_interp_spline
 
 from ..errors import InputError
 from ..geometry.boundary import Boundary
@@ -27,6 +27,9 @@ from ..geometry.curve import BSplineCurve
 from ..limits import MAX_CURVES, MAX_LANDMARKS, MAX_LINES, MAX_LOOPS, at_most
 from ..numeric.arrays import FloatArray
 from .loops import close_loop
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 __all__ = ["interpolate_outline", "looks_like_points", "read_boundary", "read_landmarks"]
 
@@ -216,12 +219,16 @@ def _piece(points: FloatArray, start: FloatArray | None, end: FloatArray | None)
         if np.abs(relative[:, 0] * chord[1] - relative[:, 1] * chord[0]).max() <= 1e-12 * x[-1] ** 2:
             return _line(points[0], points[-1])
     ends = tuple("not-a-knot" if tangent is None else (1, tangent) for tangent in (start, end))
+    from scipy.interpolate import CubicSpline
+
     return _as_bspline(CubicSpline(x, points, bc_type=ends), x, points)
 
 
 def _periodic(points: FloatArray) -> BSplineCurve:
     closed = np.vstack([points, points[:1]])
     x = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
+    from scipy.interpolate import CubicSpline
+
     return _as_bspline(CubicSpline(x, closed, bc_type="periodic"), x, closed)
 
 
@@ -229,6 +236,8 @@ def _as_bspline(spline: CubicSpline, x: FloatArray, points: FloatArray) -> BSpli
     """Clamped B-spline form of a C² cubic, by interpolation at the Greville abscissae of its own space."""
     knots = np.concatenate([np.full(3, x[0]), x, np.full(3, x[-1])])
     greville = np.clip((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3, x[0], x[-1])
+    from scipy.interpolate import make_interp_spline
+
     control = make_interp_spline(greville, spline(greville), k=3, t=knots).c
     control[0], control[-1] = points[0], points[-1]
     return BSplineCurve(knots, 3, control)

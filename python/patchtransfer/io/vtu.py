@@ -12,7 +12,6 @@ import os
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,7 +98,7 @@ def format_series(files: Sequence[str], times: Sequence[float] | None = None) ->
     """Contents of a .pvd file that names .vtu files (relative to it) and their times, by default 0 to 1."""
     when = np.linspace(0, 1, len(files)).tolist() if times is None else times
     rows = "".join(
-        f'    <DataSet timestep="{float(t)!r}" group="" part="0" file={quoteattr(name)}/>\n'
+        f'    <DataSet timestep="{float(t)!r}" group="" part="0" file={_quoted(name)}/>\n'
         for t, name in zip(when, files, strict=True)
     )
     return (
@@ -234,4 +233,11 @@ def _array(name: str, values: NDArray[np.generic]) -> str:
     width = "" if values.ndim == 1 else f' NumberOfComponents="{values.shape[1]}"'
     text = base64.b64encode(payload).decode("ascii")
     kind = TYPES[values.dtype.kind]
-    return f'        <DataArray type="{kind}" Name={quoteattr(name)}{width} format="binary">{text}</DataArray>\n'
+    return f'        <DataArray type="{kind}" Name={_quoted(name)}{width} format="binary">{text}</DataArray>\n'
+
+
+def _quoted(name: str) -> str:
+    # Loads the standard library's network code, which only writing should have to wait for.
+    from xml.sax.saxutils import quoteattr
+
+    return quoteattr(name)

@@ -1,12 +1,15 @@
-"""Options of a transfer: what they may be."""
+"""Options of a transfer, once: their names, defaults and what they may be."""
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import KW_ONLY, dataclass, fields, replace
+from numbers import Real
+from typing import Self, TypedDict, cast
 
 from ..errors import InputError
+from ..progress import Budget, Clock, Progress
 
-__all__ = ["check_fit_tolerance", "check_options", "check_time_limit"]
+__all__ = ["CHOICES", "Options", "Run", "SearchOptions", "TransferOptions", "options_of"]
 
 CHOICES = {
     "method": ("certified", "paper"),
@@ -15,21 +18,91 @@ CHOICES = {
 }
 
 
-def check_options(**options: str) -> None:
-    """Raise `InputError` on an option that is none of its choices."""
-    for name, value in options.items():
-        if value not in CHOICES[name]:
-            raise InputError(f"{name} must be one of {', '.join(CHOICES[name])}, got {value!r}")
+class SearchOptions(TypedDict, total=False):
+    """`Options` but the method, as keyword arguments."""
+
+    refine: str
+    fit_tolerance: float
+    fixed_correspondence: bool | None
+    on_failure: str
+    time_limit: float | None
 
 
-def check_fit_tolerance(fit_tolerance: float) -> None:
-    """Raise `InputError` unless it is a number between 0 and 1."""
-    if not isinstance(fit_tolerance, int | float | np.number) or not 0 < fit_tolerance < 1:
-        raise InputError(f"fit_tolerance must lie between 0 and 1, got {fit_tolerance!r}")
+class TransferOptions(SearchOptions, total=False):
+    """`Options` as keyword arguments."""
+
+    method: str
 
 
-def check_time_limit(time_limit: float | None) -> None:
-    """Raise `InputError` unless it is a positive number of seconds, or None."""
-    # A comparison with NaN is false as well.
-    if time_limit is not None and not (isinstance(time_limit, int | float | np.number) and time_limit > 0):
-        raise InputError(f"time_limit must be a positive number of seconds, or None, got {time_limit!r}")
+@dataclass(frozen=True)
+class Options:
+    """Options of a transfer; `patchtransfer.transfer` says what they mean.
+
+    Raises
+    ------
+    InputError
+        On a value that an option cannot have, naming both.
+    """
+
+    method: str = "certified"
+    refine: str = "never"
+    fit_tolerance: float = 1e-3
+    _: KW_ONLY
+    fixed_correspondence: bool | None = None
+    on_failure: str = "raise"
+    time_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, choices in CHOICES.items():
+            if getattr(self, name) not in choices:
+                raise InputError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
+        if not (_number(self.fit_tolerance) and 0 < self.fit_tolerance < 1):
+            raise InputError(f"fit_tolerance must lie between 0 and 1, got {self.fit_tolerance!r}")
+        # A comparison with NaN is false as well.
+        if self.time_limit is not None and not (_number(self.time_limit) and self.time_limit > 0):
+            raise InputError(f"time_limit must be a positive number of seconds, or None, got {self.time_limit!r}")
+        if self.method == "paper" and self.fixed_correspondence is not None and not self.fixed_correspondence:
+            raise InputError('joints slide with method="certified" only; leave fixed_correspondence out')
+
+    def with_landmarks(self, given: bool) -> Self:
+        """The options with their default for joints decided: fixed where landmarks place them, or by the paper."""
+        if self.fixed_correspondence is not None:
+            return self
+        return replace(self, fixed_correspondence=given or self.method == "paper")
+
+    def keywords(self) -> TransferOptions:
+        """As keyword arguments of a transfer."""
+        return cast(TransferOptions, {field.name: getattr(self, field.name) for field in fields(Options)})
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, Real)
+
+
+def options_of(given: TransferOptions) -> Options:
+    """Options from keyword arguments.
+
+    Raises
+    ------
+    TypeError
+        On a name that no option has, as functions do.
+    """
+    unknown = sorted(set(given) - set(Options.__dataclass_fields__))
+    if unknown:
+        names = ", ".join(sorted(Options.__dataclass_fields__))
+        raise TypeError(f"a transfer has no option {unknown[0]!r}; its options are {names}")
+    return Options(**given)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one transfer goes by: its options, where its time goes and how much is left, and whom it tells."""
+
+    options: Options
+    clock: Clock
+    budget: Budget
+    progress: Progress | None = None
+
+    def part(self, share: float) -> Run:
+        """The run with a share of the work."""
+        return replace(self, budget=self.budget.part(share))

@@ -1,51 +1,42 @@
 """The driver: source multi-patch + target boundary -> the same patches on the target, with a proof.
 
-Reads like the pipeline: register, fit, check feasibility, map, optimise, certify, measure. Each stage is a module
-of its own that takes and returns plain values.
+Reads like the pipeline: register, fit, refine, pose, slide, solve, measure. Each stage is a module of its own that
+takes and returns plain values.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..continuity.g1 import check_g1_space
-from ..errors import InfeasibleTargetError, InputError
-from ..fitting.fit import FREE, SMOOTH, FittedBoundary, fit_boundary
+from ..errors import InputError
+from ..fitting.fit import FittedBoundary
 from ..fitting.refinement import Knot, insert_in_strips, missed_spans, span_middles
 from ..geometry.boundary import Boundary
-from ..geometry.curve import BSplineCurve
 from ..geometry.multipatch import MultiPatch
-from ..geometry.outline import Outline
 from ..geometry.patch import Patch
 from ..geometry.straight_corners import corner_triangles, straighten
-from ..geometry.topology import CORNERS
-from ..interior.solver import CONTINUITY, InteriorSolver
-from ..measure.continuity import check_continuity
-from ..measure.quality import quality
-from ..numeric.arrays import FloatArray
+from ..interior.solver import InteriorSolver
 from ..progress import Budget, Clock, Progress
 from ..proof.certificate import Certificate, check_boundary
-from ..proof.feasibility import check_corners, check_loops, check_target_corners
-from ..proof.source_corners import certify_straight
-from ..registration.register import Registration, register
-from .failures import FITTED, TARGET, no_fit, no_proof, not_certified
-from .options import check_fit_tolerance, check_options, check_time_limit
-from .result import NotCertifiedError, TransferResult
-from .sliding import Slid, movable_joints, slide_joints
+from ..proof.feasibility import check_corners, check_loops
+from .accepted import accepted
+from .inside import measure, slide, solve
+from .options import Run, SearchOptions, TransferOptions, options_of
+from .posed import Registered, no_proof
+from .result import TransferResult, not_certified
+from .sliding import movable_joints
+from .source_boundary import SourceBoundary
 from .tasks import TransferTask, in_order
 
 __all__ = ["Refilled", "TransferPlan", "transfer"]
 
 #: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
 REFINEMENTS = 6
-#: A fit that misses the target by more than so many tolerances is tried once more.
-MISSED = 2.0
 #: Part of the work for a source as it is, and for the refined one, where both are tried.
 HALF = 0.5
 
@@ -57,12 +48,7 @@ def transfer(
     continuity: str = "c1",
     method: str = "certified",
     progress: Progress | None = None,
-    *,
-    refine: str = "never",
-    fit_tolerance: float = 1e-3,
-    fixed_correspondence: bool | None = None,
-    on_failure: str = "raise",
-    time_limit: float | None = None,
+    **options: Unpack[SearchOptions],
 ) -> TransferResult:
     """Transfer a multi-patch parameterization to a target boundary.
 
@@ -116,18 +102,7 @@ def transfer(
     NotCertifiedError
         See `on_failure`.
     """
-    plan = TransferPlan(source, continuity)
-    return plan.transfer(
-        target,
-        landmarks,
-        method=method,
-        progress=progress,
-        refine=refine,
-        fit_tolerance=fit_tolerance,
-        fixed_correspondence=fixed_correspondence,
-        on_failure=on_failure,
-        time_limit=time_limit,
-    )
+    return TransferPlan(source, continuity).transfer(target, landmarks, progress=progress, method=method, **options)
 
 
 class TransferPlan:
@@ -148,39 +123,13 @@ class TransferPlan:
     """
 
     def __init__(self, source: MultiPatch, continuity: str = "c1", *, reference: Sequence[Patch] | None = None) -> None:
-        if not isinstance(source, MultiPatch):
-            raise InputError(f"source must be a MultiPatch (see read), got {type(source).__name__}")
-        if continuity not in CONTINUITY:
-            raise InputError(f"continuity must be one of {', '.join(CONTINUITY)}, got {continuity!r}")
-        if source.is_rational:
-            rational = [k for k, patch in enumerate(source.patches) if patch.weights is not None]
-            raise InputError(
-                f"patch {rational[0]} of the source is rational (NURBS); transfer needs polynomial B-splines: "
-                "approximate the source by B-splines first"
-            )
-        if continuity == "g1":
-            check_g1_space(source)
-        self.source = source
+        self._welded, self._notes = accepted(source, continuity)
+        # Put straight where rounding had bent it, which a note says; else as given.
+        self.source = source = self._welded if self._notes else source
         self.continuity = continuity
         self.reference = reference
         topology = source.topology
-        if topology.n_components != 1:
-            raise InputError(
-                f"the source has {topology.n_components} separate parts (are interfaces missing?); transfer them one "
-                "by one"
-            )
-        self._welded, certificate, self._notes = certify_straight(source.with_shared_points(topology.coordinates))
-        if self._notes:
-            self.source = source = self._welded
-            topology = source.topology
-        if not certificate.injective:
-            raise InputError(f"the source is not an injective parameterization: {'; '.join(certificate.reasons)}")
-        self._loops = self._welded.boundary().loops
-        self._outlines = [Outline(loop) for loop in self._loops]
-        valence = {vertex.point: vertex.valence for vertex in topology.vertices}
-        of_sides = [[side.points(topology.points[side.patch]) for side in loop] for loop in topology.loops]
-        self._single = [[valence[int(points[0])] == 1 for points in loop] for loop in of_sides]
-        self._side_points = np.concatenate([points for loop in of_sides for points in loop])
+        self._boundary = SourceBoundary(self._welded.boundary().loops, topology)
         self._interior = InteriorSolver(source, continuity, reference)
 
     def transfer(
@@ -188,49 +137,49 @@ class TransferPlan:
         target: Boundary,
         landmarks: ArrayLike | None = None,
         *,
-        method: str = "certified",
         progress: Progress | None = None,
-        refine: str = "never",
-        fit_tolerance: float = 1e-3,
-        fixed_correspondence: bool | None = None,
-        on_failure: str = "raise",
-        time_limit: float | None = None,
+        **options: Unpack[TransferOptions],
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
         if not isinstance(target, Boundary):
             raise InputError(f"target must be a Boundary (see read_boundary), got {type(target).__name__}")
-        check_options(method=method, refine=refine, on_failure=on_failure)
-        check_fit_tolerance(fit_tolerance)
-        check_time_limit(time_limit)
-        if fixed_correspondence is None:
-            fixed_correspondence = landmarks is not None or method == "paper"
-        elif not fixed_correspondence and method == "paper":
-            raise InputError('joints slide with method="certified" only; leave fixed_correspondence out')
-        clock, budget = Clock(), Budget.of_source(self._interior.step_cost, time_limit)
-        registration = self._register(target, landmarks, method, clock)
-        movable = None if fixed_correspondence else movable_joints(registration, landmarks)
-        plan, fitted = self, self._fit(registration, method, fit_tolerance, clock)
-        notes = list(self._notes)
-        if refine == "auto":
-            plan, registration, fitted, refined = self._refined_to_tolerance(
-                registration, fitted, method, fit_tolerance, clock, budget
-            )
+        chosen = options_of(options).with_landmarks(landmarks is not None)
+        run = Run(chosen, Clock(), Budget.of_source(self._interior.step_cost, chosen.time_limit), progress)
+        registered = self._boundary.register(target, landmarks, run)
+        movable = [] if chosen.fixed_correspondence else movable_joints(registered.registration, landmarks)
+        fitted = self._boundary.fit(registered.registration, run)
+        plan, notes = self, list(self._notes)
+        if chosen.refine == "auto":
+            plan, registered, fitted, refined = self._refined_to_tolerance(registered, fitted, run)
             notes += refined
-            budget = budget.part(HALF)
-        result = plan._attempt(registration, fitted, movable, method, progress, fit_tolerance, clock, budget)
-        if refine == "auto" and not result.certificate.injective and not budget.expired():
-            plan, registration = plan._refined(span_middles(plan.source.patches), registration)
-            fitted = plan._fit(registration, method, fit_tolerance, clock)
-            finer = plan._attempt(registration, fitted, movable, method, progress, fit_tolerance, clock, budget)
+            run = run.part(HALF)
+        result = plan._attempt(registered, fitted, movable, run)
+        if chosen.refine == "auto" and not result.certificate.injective and not run.budget.expired():
+            plan, registered = plan._refined(span_middles(plan.source.patches), registered)
+            fitted = plan._boundary.fit(registered.registration, run)
+            finer = plan._attempt(registered, fitted, movable, run)
             if finer.certificate.injective:
                 result, note = finer, "the source was refined uniformly: one knot in every span of every patch"
             else:
                 note = "a uniform refinement of the source was tried: no certified map was found"
             notes.append(note)
         result = result.with_warnings(notes)
-        if on_failure == "raise" and not result.certificate.injective:
-            raise NotCertifiedError(not_certified(result), result)
+        if chosen.on_failure == "raise" and not result.certificate.injective:
+            raise not_certified(result)
         return result
+
+    def _attempt(
+        self,
+        registered: Registered,
+        fitted: FittedBoundary,
+        movable: Sequence[NDArray[np.bool_]],
+        run: Run,
+    ) -> TransferResult:
+        """From the fitted boundary to the result, with the source's knots: pose, slide, solve, measure."""
+        posed = self._boundary.pose(registered, fitted, run)
+        posed, sliding = slide(posed, movable, self._boundary, self._interior, run)
+        posed, found = solve(posed, self._boundary, self._interior, run)
+        return measure(posed, sliding, found, self._interior, run)
 
     def map(
         self,
@@ -286,79 +235,41 @@ class TransferPlan:
         topology = self.source.topology
         if start.shape != (topology.n_points, 2) or not np.isfinite(start).all():
             raise InputError(f"refill: expected finite points of shape {(topology.n_points, 2)}, got {start.shape}")
-        curves = self._boundary(start)
+        curves = self._boundary.curves(start)
         check_loops(curves, "boundary")
-        corners = check_corners(curves, self._single, "boundary")
-        degenerate = [self._corner_of(c.loop, c.joint) for c in corners if c.kind == "degenerate"]
+        degenerate = self._boundary.degenerate(check_corners(curves, self._boundary.single, "boundary"))
         start, _ = straighten(start, corner_triangles(topology, degenerate))
         budget = Budget.of_source(self._interior.step_cost)
-        report = check_boundary(self._boundary(start))
+        report = check_boundary(self._boundary.curves(start))
         if report.simple:
             found = self._interior.certified(start, degenerate, progress, Clock(), budget)
         else:
-            found = self._interior.unproved(start, degenerate, progress, Clock(), budget, no_proof(report))
+            found = self._interior.unproved(start, degenerate, progress, Clock(), budget, no_proof(report).reason)
         return Refilled(self.source.with_shared_points(found.points), found.certificate, tuple(found.log))
 
-    def _register(self, target: Boundary, landmarks: ArrayLike | None, method: str, clock: Clock) -> Registration:
-        """Correspondence of the boundaries, on a target that allows an injective map."""
-        with clock("feasibility"):
-            # Before what depends on a correspondence is blamed on landmarks. As given, so that messages name the user's
-            # own loops, curves and parameters. Registration itself refuses another number of loops.
-            same = len(target.loops) == len(self._loops)
-            notes = check_loops(target.loops, TARGET) if same else []
-        with clock("registration"):
-            registration = register(self._outlines, target, landmarks, marked_curves=method == "paper")
-        with clock("feasibility"):
-            images = [loop.joints[:-1] for loop in registration.loops]
-            check_target_corners(
-                [loop.target.point(s) for loop, s in zip(registration.loops, images, strict=True)],
-                [loop.target.turn(s) for loop, s in zip(registration.loops, images, strict=True)],
-                self._single,
-                SMOOTH,
-            )
-        return replace(registration, warnings=(*registration.warnings, *notes))
-
-    def _fit(self, registration: Registration, method: str, tolerance: float, clock: Clock) -> FittedBoundary:
-        """The fit, made more freely where it misses the target by far."""
-        with clock("fitting"):
-            if method == "paper":
-                return fit_boundary(registration, parameters="uniform", tolerance=tolerance)
-            fitted = fit_boundary(registration, self._single, tolerance=tolerance)
-            if fitted.error <= MISSED * tolerance:
-                return fitted
-            free = fit_boundary(registration, self._single, tolerance=tolerance, stiffness=FREE)
-        with clock("feasibility"):
-            return free if free.error < fitted.error and self._check_fit(free)[2] is None else fitted
-
     def _refined_to_tolerance(
-        self,
-        registration: Registration,
-        fitted: FittedBoundary,
-        method: str,
-        tolerance: float,
-        clock: Clock,
-        budget: Budget,
-    ) -> tuple[TransferPlan, Registration, FittedBoundary, list[str]]:
+        self, registered: Registered, fitted: FittedBoundary, run: Run
+    ) -> tuple[TransferPlan, Registered, FittedBoundary, list[str]]:
         """Insert knots where the fit misses the target, until it reaches the tolerance."""
-        plan, count = self, 0
+        plan, count, tolerance = self, 0, run.options.fit_tolerance
         for _ in range(REFINEMENTS):
-            if fitted.error <= tolerance or budget.expired():
+            if fitted.error <= tolerance or run.budget.expired():
                 break
-            with clock("refinement"):
-                knots = missed_spans(registration, fitted, plan.source.topology.loops, tolerance)
-                plan, registration = plan._refined(knots, registration)
+            with run.clock("refinement"):
+                knots = missed_spans(registered.registration, fitted, plan.source.topology.loops, tolerance)
+                plan, registered = plan._refined(knots, registered)
             count += len(knots)
-            fitted = plan._fit(registration, method, tolerance, clock)
+            fitted = plan._boundary.fit(registered.registration, run)
         if plan is self:
-            return plan, registration, fitted, []
+            return plan, registered, fitted, []
         before, after = self.source.topology.n_points, plan.source.topology.n_points
         note = (
             f"the source was refined: knots in {count} boundary spans and the strips of patches behind them, "
             f"{before} -> {after} control points"
         )
-        return plan, registration, fitted, [note]
+        return plan, registered, fitted, [note]
 
-    def _refined(self, knots: Sequence[Knot], registration: Registration) -> tuple[TransferPlan, Registration]:
+    def _refined(self, knots: Sequence[Knot], registered: Registered) -> tuple[TransferPlan, Registered]:
         """A plan for the source with more knots, and the same correspondence with its boundary curves."""
         topology = self._welded.topology
         # Exact G1 needs inner knots of C^(p - 2): simple ones would lock its rows.
@@ -367,156 +278,7 @@ class TransferPlan:
         reference = self.reference and insert_in_strips(topology, self.reference, knots, multiplicity)
         source = MultiPatch(patches, self.source.interfaces, self.source.ids)
         plan = TransferPlan(source, self.continuity, reference=reference)
-        loops = [
-            replace(loop, source=Outline(curves)) for loop, curves in zip(registration.loops, plan._loops, strict=True)
-        ]
-        return plan, replace(registration, loops=tuple(loops))
-
-    def _attempt(
-        self,
-        registration: Registration,
-        fitted: FittedBoundary,
-        movable: Sequence[NDArray[np.bool_]] | None,
-        method: str,
-        progress: Progress | None,
-        fit_tolerance: float,
-        clock: Clock,
-        budget: Budget,
-    ) -> TransferResult:
-        """From the fitted boundary to the result, with the source's knots."""
-        with clock("feasibility"):
-            corner_bound, degenerate, failure = self._check_fit(fitted)
-            if failure is not None:
-                failure = no_fit(registration, failure)
-            warnings = [
-                f"patch {k} is degenerate at its corner {c}: one patch fills a straight angle of the target there"
-                for k, c in degenerate
-            ]
-            start = self._with_boundary(fitted)
-        if failure is not None:
-            found = self._interior.harmonic(start, clock, failure)
-        elif method == "paper":
-            found = self._interior.paper(start, clock, budget)
-        else:
-            slides = []
-            if movable is not None and any(mask.any() for mask in movable):
-                with clock("sliding"):
-                    slid = self._slide(registration, fitted, start, movable, degenerate, fit_tolerance, budget)
-                if slid is None:
-                    slides = ["joints were not slid: the map has folds, so no distortion to compare"]
-                else:
-                    registration, fitted, start = slid.registration, slid.fitted, slid.map.points
-                    slides = [
-                        f"joints slid in {len(slid.energies) - 1} rounds: energy {slid.energies[0]:.4f} -> "
-                        f"{slid.energies[-1]:.4f}"
-                    ]
-            report = check_boundary(self._boundary(start))
-            if report.simple:
-                found = self._interior.certified(start, degenerate, progress, clock, budget)
-            else:
-                failure = no_proof(report, registration)
-                found = self._interior.unproved(start, degenerate, progress, clock, budget, failure)
-            found.log[:0] = slides
-        warnings += found.notes
-        if budget.expired() or found.log[-1:] == [budget.reason()]:
-            warnings.append(budget.reason())
-        if found.rows is not None:
-            warnings += found.rows.warnings(self.source)
-        elif found.certificate.injective and budget.expired():
-            warnings.append(f'patches are joined C0 only, not "{self.continuity}": no time was left for more')
-        elif self.continuity != "c0" and self.source.interfaces:
-            warnings.append(
-                f'patches are joined C0 only, not "{self.continuity}": there is no injective map to start from'
-            )
-        with clock("quality"):
-            multipatch = self._interior.model(found.points)
-            metrics = quality(multipatch, exclude=degenerate)
-        with clock("continuity report"):
-            continuity = check_continuity(multipatch)
-        return TransferResult(
-            multipatch=multipatch,
-            certificate=found.certificate,
-            quality=metrics,
-            continuity=continuity,
-            rows=found.rows,
-            boundary_error=fitted.error,
-            registration=registration,
-            fitted=fitted,
-            corner_bound=corner_bound,
-            method=method,
-            log=tuple(found.log),
-            fit_failed=failure is not None,
-            warnings=(*registration.warnings, *fitted.warnings, *warnings),
-            timings=clock.seconds,
-            paper_history=found.history,
-        )
-
-    def _check_fit(self, fitted: FittedBoundary) -> tuple[float, list[tuple[int, int]], str | None]:
-        """Loops and corners of the fit: upper bound of the scaled Jacobian, degenerate corners, and what is wrong.
-
-        The target passed these checks, so a failure is the fit's: the source's knots are too coarse for it.
-        """
-        curves = [[side.curve for side in sides] for sides in fitted.loops]
-        try:
-            check_loops(curves, FITTED)
-            corners = check_corners(curves, self._single, FITTED)
-        except InfeasibleTargetError as error:
-            return -1.0, [], f"(fit error {fitted.error:.1e} of the diameter): {error}"
-        degenerate = [self._corner_of(corner.loop, corner.joint) for corner in corners if corner.kind == "degenerate"]
-        return min((corner.bound for corner in corners), default=1.0), degenerate, None
-
-    def _corner_of(self, loop: int, joint: int) -> tuple[int, int]:
-        """(patch, corner) that a joint filled by a single patch belongs to."""
-        side = self.source.topology.loops[loop][joint]
-        points = self.source.topology.points[side.patch]
-        start = side.points(points)[0]
-        return side.patch, next(c for c, (i, j) in enumerate(CORNERS) if points[i, j] == start)
-
-    def _boundary(self, points: FloatArray) -> list[list[BSplineCurve]]:
-        """The boundary loops of shared control points."""
-        topology = self.source.topology
-        pairs = zip(topology.patches, topology.points, strict=True)
-        patches = [patch.with_control_points(points[p]) for patch, p in pairs]
-        return [[side.curve(patches) for side in loop] for loop in topology.loops]
-
-    def _with_boundary(self, fitted: FittedBoundary) -> FloatArray:
-        """Shared control points with the fitted boundary and the source's interior."""
-        topology = self.source.topology
-        points = topology.coordinates.copy()
-        points[self._side_points] = np.concatenate(
-            [fit.curve.control_points for sides in fitted.loops for fit in sides]
-        )
-        return points
-
-    def _slide(
-        self,
-        registration: Registration,
-        fitted: FittedBoundary,
-        start: FloatArray,
-        movable: Sequence[NDArray[np.bool_]],
-        degenerate: Sequence[tuple[int, int]],
-        tolerance: float,
-        budget: Budget,
-    ) -> Slid | None:
-        """Joints where the distortion is least; None when the map is folded to begin with, so has no distortion."""
-
-        def refit(moved: Registration) -> FittedBoundary | None:
-            trial = fit_boundary(moved, self._single, tolerance=tolerance)
-            _, corners, failure = self._check_fit(trial)
-            return trial if failure is None and corners == list(degenerate) else None
-
-        return slide_joints(
-            registration,
-            fitted,
-            start,
-            movable,
-            self.source.topology,
-            self._interior.optimizer(degenerate),
-            refit,
-            self._with_boundary,
-            tolerance,
-            budget,
-        )
+        return plan, registered._replace(registration=plan._boundary.registered(registered.registration))
 
 
 class Refilled(NamedTuple):

@@ -16,8 +16,10 @@ from ..measure.quality import Quality
 from ..paper.method import PaperHistory
 from ..proof.certificate import Certificate
 from ..registration.register import Registration
+from .posed import Failure
+from .sliding import SlideReport
 
-__all__ = ["NotCertifiedError", "TransferResult"]
+__all__ = ["NotCertifiedError", "TransferResult", "not_certified"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +50,18 @@ class TransferResult:
     method : str
     log : tuple of str
         What each rung of the method did.
-    fit_failed : bool
-        Whether the fitted boundary itself rules out an injective map, or its proof; the map is only an illustration
-        then, and the log's last entry the reason.
+    failure : Failure or None
+        Why the fitted boundary itself rules out an injective map, or its proof; the map is only an illustration then,
+        and the log's last entry the reason.
     warnings : tuple of str
     timings : dict
         Seconds per stage.
     paper_history : PaperHistory or None
         Iterations, flips, bounds and energies of ``method="paper"``.
+    sliding : SlideReport or None
+        Energies of the sliding joints' rounds; None where no joints were to slide.
+    stopped : str or None
+        Why the search ended early, where its time or its budget of steps did not suffice.
     """
 
     multipatch: MultiPatch
@@ -69,10 +75,17 @@ class TransferResult:
     corner_bound: float
     method: str
     log: tuple[str, ...]
-    fit_failed: bool
+    failure: Failure | None
     warnings: tuple[str, ...]
     timings: dict[str, float]
     paper_history: PaperHistory | None = None
+    sliding: SlideReport | None = None
+    stopped: str | None = None
+
+    @property
+    def fit_failed(self) -> bool:
+        """Whether the fitted boundary itself rules out an injective map, or its proof."""
+        return self.failure is not None
 
     def with_warnings(self, texts: Sequence[str]) -> TransferResult:
         """The result with more warnings."""
@@ -127,3 +140,18 @@ class NotCertifiedError(TransferError):
     def __init__(self, message: str, result: TransferResult | None = None) -> None:
         super().__init__(message)
         self.result = result
+
+
+def not_certified(result: TransferResult) -> NotCertifiedError:
+    """The error of a transfer without a certified map."""
+    failure = result.failure
+    reasons = "; ".join(result.certificate.reasons[:3]) if failure is None else failure.reason
+    cut = "" if result.stopped is None else f"; {result.stopped}"
+    # More knots or landmarks do not help where the target itself is in doubt.
+    in_vain = failure is not None and failure.of_target
+    more = "" if in_vain else "try --refine auto (refine='auto') or more landmarks; "
+    return NotCertifiedError(
+        f"no certified map was found ({result.certificate.status}): {reasons}{cut}; {more}--keep-uncertified "
+        "(on_failure='return') gives the best map",
+        result,
+    )

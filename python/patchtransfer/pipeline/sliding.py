@@ -24,7 +24,7 @@ from ..numeric.dense import eigen, product
 from ..progress import Budget
 from ..registration.register import LoopRegistration, Registration
 
-__all__ = ["Slid", "movable_joints", "slide_joints"]
+__all__ = ["Slid", "SlideReport", "movable_joints", "slide_joints"]
 
 
 #: A joint where either boundary turns by more stays where it is.
@@ -72,6 +72,26 @@ class Slid:
     fitted: FittedBoundary
     map: OptimizedMap
     energies: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class SlideReport:
+    """What sliding gained.
+
+    Attributes
+    ----------
+    energies : tuple of float
+        Energy before and after every round that was kept; it decreases. Empty where the map was folded to begin with,
+        so had no distortion to compare.
+    """
+
+    energies: tuple[float, ...]
+
+    def __str__(self) -> str:
+        if not self.energies:
+            return "joints were not slid: the map has folds, so no distortion to compare"
+        first, last = self.energies[0], self.energies[-1]
+        return f"joints slid in {len(self.energies) - 1} rounds: energy {first:.4f} -> {last:.4f}"
 
 
 def movable_joints(registration: Registration, landmarks: ArrayLike | None) -> list[NDArray[np.bool_]]:

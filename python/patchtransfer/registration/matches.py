@@ -14,7 +14,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from .._core import Matching
 from ..numeric.arrays import FloatArray, IntArray
@@ -259,6 +258,9 @@ def pair_holes(
     a = np.array([source.distances[source.rows(k), source.rows(0)].mean(axis=0) for k in holes])
     b = np.array([target.distances[target.rows(t), target.rows(0)].mean(axis=0) for t in partners])
     b = b[:, index] * (1 - fraction) + b[:, (index + 1) % b.shape[1]] * fraction
+    # Takes a while to load, and most shapes have a hole at most.
+    from scipy.optimize import linear_sum_assignment
+
     rows, columns = linear_sum_assignment(_squared_differences(a, b))
     return {holes[i]: partners[j] for i, j in zip(rows, columns, strict=True)}
 

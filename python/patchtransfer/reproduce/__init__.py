@@ -21,11 +21,10 @@ import numpy as np
 
 from .. import __version__, examples
 from ..errors import InputError
-from ..files import write_atomic
+from ..files import json_text, write_atomic
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..iga import PoissonResult, poisson
-from ..io.json_text import json_text
 from ..measure.quality import Quality, Statistics, finite_or_none, quality, sample
 from ..pipeline.plan import TransferPlan
 from ..pipeline.result import TransferResult

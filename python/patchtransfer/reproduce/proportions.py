@@ -10,12 +10,11 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..numeric.arrays import FloatArray
+from ..numeric.components import components
 
 __all__ = ["condition_number_to_scale", "strips"]
 
@@ -33,9 +32,7 @@ def strips(mp: MultiPatch) -> NDArray[np.int64]:
     ends = np.array(
         [(along(f.patch_a, int(f.side_a)), along(f.patch_b, int(f.side_b))) for f in mp.interfaces], dtype=np.int64
     ).reshape(-1, 2)
-    n = 2 * len(mp)
-    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64).reshape(-1, 2)
+    return components(2 * len(mp), ends[:, 0], ends[:, 1]).reshape(-1, 2)
 
 
 def condition_number_to_scale(mp: MultiPatch) -> float:

@@ -73,6 +73,69 @@ pub fn basis_on_span(
     }
 }
 
+/// Derivatives of `order` of the `degree + 1` basis functions that live on span `k`, at `t`, in the first
+/// `degree + 1` numbers of `work`, which has room for twice as many.
+///
+/// Unlike `basis_on_span` for any order (zero above the degree), and in the order of operations of de Boor's BSPLVD that
+/// other libraries have: they give the same bits. C. de Boor, A Practical Guide to Splines, 1978, chapter X.
+pub fn derivatives_on_span(knots: &[f64], degree: usize, k: usize, t: f64, order: usize, work: &mut [f64]) {
+    let (h, before) = work.split_at_mut(degree + 1);
+    h.fill(0.0);
+    if order > degree {
+        return;
+    }
+    h[0] = 1.0;
+    for j in 1..=degree - order {
+        before[..j].copy_from_slice(&h[..j]);
+        h[0] = 0.0;
+        for n in 1..=j {
+            let (hi, lo) = (knots[k + n], knots[k + n - j]);
+            let w = before[n - 1] / (hi - lo);
+            h[n - 1] += w * (hi - t);
+            h[n] = w * (t - lo);
+        }
+    }
+    for j in degree - order + 1..=degree {
+        before[..j].copy_from_slice(&h[..j]);
+        h[0] = 0.0;
+        for n in 1..=j {
+            let w = j as f64 * before[n - 1] / (knots[k + n] - knots[k + n - j]);
+            h[n - 1] -= w;
+            h[n] = w;
+        }
+    }
+}
+
+/// Derivatives of `order` of a spline with `width` numbers a coefficient, at all of `at`, one after the other.
+///
+/// The first and last polynomial continue beyond the ends; at a knot the piece after it counts.
+pub fn evaluate(
+    knots: &[f64],
+    degree: usize,
+    coefficients: &[f64],
+    width: usize,
+    at: &[f64],
+    order: usize,
+) -> Vec<f64> {
+    let last = knots.len() - degree - 2;
+    let mut work = vec![0.0; 2 * degree + 2];
+    let mut out = vec![0.0; at.len() * width];
+    for (&t, out) in at.iter().zip(out.chunks_exact_mut(width)) {
+        if t.is_nan() {
+            out.fill(f64::NAN);
+            continue;
+        }
+        let k = knots.partition_point(|&x| x <= t).saturating_sub(1).clamp(degree, last);
+        derivatives_on_span(knots, degree, k, t, order, &mut work);
+        for (c, b) in coefficients[(k - degree) * width..].chunks_exact(width).zip(&work[..=degree]) {
+            for (out, c) in out.iter_mut().zip(c) {
+                *out += c * b;
+            }
+        }
+    }
+    out
+}
+
 /// Bézier control points of every non-empty span of a spline whose coefficients are vectors of `D` numbers.
 ///
 /// Each interior knot is inserted until its multiplicity is the degree (Boehm); the result of span `s` is

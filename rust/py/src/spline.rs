@@ -1,7 +1,7 @@
 //! Bindings of `patchtransfer_core::spline`.
 
-use numpy::ndarray::Array3;
-use numpy::{IntoPyArray, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::ndarray::{Array2, Array3};
+use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use patchtransfer_core::spline;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -25,7 +25,28 @@ fn bezier_extract<'py>(
     Ok(array.into_pyarray(py))
 }
 
+/// Derivatives of `order` of a spline with coefficients (n, d) at the parameters `at` (m,), shape (m, d).
+#[pyfunction]
+fn evaluate_spline<'py>(
+    py: Python<'py>,
+    knots: PyReadonlyArray1<'py, f64>,
+    degree: usize,
+    coefficients: PyReadonlyArray2<'py, f64>,
+    at: PyReadonlyArray1<'py, f64>,
+    order: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let [n, width] = [coefficients.shape()[0], coefficients.shape()[1]];
+    if n <= degree || width == 0 || knots.len() != n + degree + 1 {
+        return Err(PyValueError::new_err("knots, degree and coefficients (n, d) do not fit"));
+    }
+    let c: Vec<f64> = coefficients.as_array().iter().copied().collect();
+    let (knots, at) = (knots.as_array().to_vec(), at.as_array().to_vec());
+    let values = spline::evaluate(&knots, degree, &c, width, &at, order);
+    Ok(Array2::from_shape_vec((at.len(), width), values).expect("sizes agree").into_pyarray(py))
+}
+
 /// Add this file's functions to the module.
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(bezier_extract, m)?)
+    m.add_function(wrap_pyfunction!(bezier_extract, m)?)?;
+    m.add_function(wrap_pyfunction!(evaluate_spline, m)?)
 }

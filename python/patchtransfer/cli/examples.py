@@ -1,0 +1,28 @@
+"""Command line: ``patchtransfer examples [NAME]``."""
+
+from __future__ import annotations
+
+import os
+
+import click
+
+from .support import Report, failures, say, status_line, summary, warn
+
+__all__ = ["examples"]
+
+
+@click.command()
+@click.argument("name", required=False)
+@click.option("-o", "--output", metavar="DIR", help="Folder for all files (default: the example's name).")
+def examples(name: str | None, output: str | None) -> None:
+    """List the bundled examples, or run the example NAME and keep its files in DIR."""
+    from .. import examples as bundled
+
+    if name is None:
+        say(*(f"{key}: {description}" for key, description in bundled.EXAMPLES.items()))
+        return
+    folder = name if output is None else output
+    with failures(Report(None)), status_line() as progress:
+        result = bundled.run(name, folder, progress)
+    summary(result.to_dict(), os.path.join(folder, ""))
+    warn(result.warnings)

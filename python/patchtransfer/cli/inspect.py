@@ -1,0 +1,141 @@
+"""Command line: ``patchtransfer check | plot | refine FILE``: one model, looked at or written in another space."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import InputError
+from ..limits import MAX_ALONG, MAX_CONTROL_POINTS, MAX_DEGREE, at_most
+from .support import (
+    NOT_CERTIFIED,
+    Report,
+    all_or_nothing,
+    check_outputs,
+    failures,
+    json_option,
+    keep_inputs,
+    say,
+    summary,
+    warn,
+)
+
+if TYPE_CHECKING:
+    from ..geometry.multipatch import MultiPatch
+
+__all__ = ["check", "plot", "refine"]
+
+
+@click.command()
+@click.argument("file", type=click.Path())
+@click.option("-o", "--output", required=True, metavar="OUT.xml", help="The same model in another spline space.")
+@click.option("--elevate", type=click.IntRange(0, 10), default=0, metavar="N", help="Raise all degrees by N.")
+@click.option("--split", type=click.IntRange(1, 64), default=1, metavar="N", help="Cut every knot span into N.")
+@click.option("--smoothness", type=click.IntRange(0), metavar="R", help="Repeat inner knots until C^R.")
+def refine(file: str, output: str, elevate: int, split: int, smoothness: int | None) -> None:
+    """Raise degrees, split knot spans or repeat knots of the multi-patch FILE; its geometry stays.
+
+    Straight corners whose det J is negative by rounding are put straight, with a note.
+    """
+    from .. import io
+    from ..proof.source_corners import certify_straight
+
+    with failures(Report(None)):
+        check_outputs(model=output)
+        keep_inputs([file], [output])
+        model = io.read(file)
+        _check_size(model, elevate, split)
+        model = (model.elevate(elevate) if elevate else model).split_spans(split)
+        model = model if smoothness is None else model.reduce_continuity(smoothness)
+        # Rounding takes straight corners to either side of straight.
+        model, _, notes = certify_straight(model)
+        with all_or_nothing(output):
+            io.write(model, output)
+            say(f"{model!r} written to {output}")
+    warn(notes)
+
+
+@click.command()
+@click.argument("file", type=click.Path())
+@json_option
+def check(file: str, json_path: str | None) -> None:
+    """Topology, certificate, quality and continuity of the multi-patch FILE."""
+    from .. import io
+    from ..measure.continuity import check_continuity
+    from ..measure.quality import quality
+    from ..proof.certificate import certify
+
+    report = Report(json_path)
+    with failures(report):
+        check_outputs(report=json_path)
+        keep_inputs([file], [json_path])
+        model = io.read(file)
+        certificate = certify(model)
+        degenerate = [(cell.patch, cell.corner) for cell in certificate.cells if cell.kind == "degenerate"]
+        content = {
+            "topology": _topology(model),
+            "certificate": certificate.to_dict(),
+            "quality": quality(model, exclude=degenerate).to_dict(),
+            "continuity": check_continuity(model).to_dict(),
+            "error": None,
+        }
+        with all_or_nothing(json_path):
+            report.write(content)
+            if json_path != "-":
+                summary(content, None)
+                say(*certificate.reasons)
+    sys.exit(0 if certificate.injective else NOT_CERTIFIED)
+
+
+@click.command()
+@click.argument("file", type=click.Path())
+@click.option("-o", "--output", required=True, metavar="P.png", help="Picture (PNG, PDF or SVG).")
+def plot(file: str, output: str) -> None:
+    """Draw the multi-patch FILE: iso-parametric lines coloured by scaled Jacobian."""
+    from .. import io
+    from ..plot import figures as plots
+
+    with failures(Report(None)):
+        check_outputs(picture=output)
+        keep_inputs([file], [output])
+        figure = plots.multipatch(io.read(file))
+        plots.savefig(figure, output)
+
+
+def _check_size(model: MultiPatch, elevate: int, split: int) -> None:
+    """Refuse to refine a model to one that could not be read again."""
+    from ..geometry.basis import knot_spans
+
+    total = 0
+    for k, patch in enumerate(model.patches):
+        along = []
+        for knots, degree in zip(patch.knots, patch.degrees, strict=True):
+            at_most(degree + elevate, MAX_DEGREE, f"as degree of patch {k}", "raise it less")
+            spans = len(knot_spans(knots)) - 1
+            along.append(len(knots) - degree - 1 + spans * elevate + spans * (split - 1))
+        at_most(max(along), MAX_ALONG, f"control points in one direction of patch {k}", "split less")
+        total += along[0] * along[1]
+    at_most(total, MAX_CONTROL_POINTS, "control points", "split less")
+
+
+def _topology(model: Any) -> dict[str, Any]:
+    vertices = model.vertices
+    try:
+        loops = len(model.loops)
+    except InputError:
+        # The certificate says what is wrong with them.
+        loops = None
+    return {
+        "patches": len(model.patches),
+        "interfaces": len(model.interfaces),
+        "boundary_loops": loops,
+        "control_points": model.topology.n_points,
+        "left_handed_patches": int((model.topology.orientation < 0).sum()),
+        "extraordinary_vertices": [
+            {"point": model.topology.coordinates[v.point].tolist(), "valence": v.valence}
+            for v in vertices
+            if v.extraordinary
+        ],
+    }

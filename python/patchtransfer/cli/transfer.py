@@ -1,0 +1,113 @@
+"""Command line: ``patchtransfer transfer SOURCE TARGET -o OUT.xml``."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .support import (
+    NOT_CERTIFIED,
+    Report,
+    all_or_nothing,
+    check_outputs,
+    chosen,
+    continuity_option,
+    failures,
+    json_option,
+    keep_inputs,
+    set_threads,
+    status_line,
+    summary,
+    transfer_options,
+    warn,
+)
+
+if TYPE_CHECKING:
+    from ..geometry.boundary import Boundary
+    from ..geometry.multipatch import MultiPatch
+    from ..pipeline.result import TransferResult
+
+__all__ = ["transfer"]
+
+
+@click.command()
+@click.argument("source", type=click.Path())
+@click.argument("target", type=click.Path())
+@click.option("-o", "--output", required=True, metavar="OUT.xml", help="Transferred multi-patch (G+Smo XML).")
+@click.option("--landmarks", metavar="L.csv", help="Corresponding boundary points, columns xs,ys,xt,yt.")
+@continuity_option
+@transfer_options
+@click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
+@click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
+@json_option
+@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
+def transfer(
+    source: str,
+    target: str,
+    output: str,
+    landmarks: str | None,
+    continuity: str,
+    plot_path: str | None,
+    plot_registration: str | None,
+    json_path: str | None,
+    threads: int | None,
+    **options: Any,
+) -> None:
+    """Transfer the parameterization SOURCE to the boundary TARGET.
+
+    SOURCE is a multi-patch (G+Smo XML). TARGET is a boundary: G+Smo XML, closed point lists (CSV) or an SVG
+    drawing.
+    """
+    from .. import io
+    from ..pipeline.plan import transfer as run
+
+    report = Report(json_path)
+    with failures(report):
+        check_outputs(model=output, picture=plot_path, report=json_path)
+        check_outputs(picture=plot_registration)
+        keep_inputs([source, target, landmarks], [output, plot_path, plot_registration, json_path])
+        set_threads(threads)
+        model, boundary = io.read(source), io.read_boundary(target)
+        points = None if landmarks is None else io.read_landmarks(landmarks)
+        with status_line() as progress:
+            result = run(model, boundary, points, continuity, progress=progress, **chosen(options).keywords())
+        with all_or_nothing(output, plot_path, plot_registration, json_path):
+            if plot_path is not None:
+                _draw_transfer(model, boundary, result, plot_path)
+            if plot_registration is not None:
+                _draw_registration(model, boundary, result, plot_registration)
+            io.write(result.multipatch, output)
+            content = result.to_dict()
+            if not result.certificate.injective:
+                content["error"] = str(result.certificate)
+            report.write(content)
+            if json_path != "-":
+                summary(result.to_dict(), output)
+    warn(result.warnings)
+    sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
+
+
+def _draw_transfer(source: MultiPatch, target: Boundary, result: TransferResult, path: str) -> None:
+    from ..plot import figures as plot
+
+    metrics = result.quality.scaled_jacobian
+    caption = (
+        f"{result.certificate.status}; scaled Jacobian {metrics.min:.3f} to {metrics.max:.3f}, mean {metrics.mean:.3f}"
+    )
+    plot.savefig(plot.transfer(source, target, result.multipatch, caption=caption), path)
+
+
+def _draw_registration(source: MultiPatch, target: Boundary, result: TransferResult, path: str) -> None:
+    from ..plot import figures as plot
+
+    figure = plot.registration(
+        source.boundary(),
+        result.multipatch.boundary(),
+        [[*a, *b] for a, b in result.registration.joints],
+        target,
+        matched=result.registration.pairs(120),
+        confidence=result.registration.confidence,
+    )
+    plot.savefig(figure, path)

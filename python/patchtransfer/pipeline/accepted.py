@@ -1,0 +1,43 @@
+"""What a source has to be before anything is made of it."""
+
+from __future__ import annotations
+
+from ..continuity.g1 import check_g1_space
+from ..errors import InputError
+from ..geometry.multipatch import MultiPatch
+from ..interior.solver import CONTINUITY
+from ..proof.source_corners import certify_straight
+
+__all__ = ["accepted"]
+
+
+def accepted(source: MultiPatch, continuity: str) -> tuple[MultiPatch, list[str]]:
+    """The source with shared points, certified injective, and notes on straight corners that were put straight.
+
+    Raises
+    ------
+    InputError
+        On a source that cannot be transferred: no multi-patch, rational, disconnected, folded (naming the patch), or
+        without the freedom that "g1" needs; and on another continuity than "c0", "c1" and "g1".
+    """
+    if not isinstance(source, MultiPatch):
+        raise InputError(f"source must be a MultiPatch (see read), got {type(source).__name__}")
+    if continuity not in CONTINUITY:
+        raise InputError(f"continuity must be one of {', '.join(CONTINUITY)}, got {continuity!r}")
+    if source.is_rational:
+        rational = [k for k, patch in enumerate(source.patches) if patch.weights is not None]
+        raise InputError(
+            f"patch {rational[0]} of the source is rational (NURBS); transfer needs polynomial B-splines: "
+            "approximate the source by B-splines first"
+        )
+    if continuity == "g1":
+        check_g1_space(source)
+    topology = source.topology
+    if topology.n_components != 1:
+        raise InputError(
+            f"the source has {topology.n_components} separate parts (are interfaces missing?); transfer them one by one"
+        )
+    welded, certificate, notes = certify_straight(source.with_shared_points(topology.coordinates))
+    if not certificate.injective:
+        raise InputError(f"the source is not an injective parameterization: {'; '.join(certificate.reasons)}")
+    return welded, notes

@@ -1,0 +1,128 @@
+"""From a posed problem to the result: joints slid, the inside solved for, everything measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fitting.fit import FittedBoundary, fit_boundary
+from ..interior.solver import InteriorMap, InteriorSolver
+from ..measure.continuity import check_continuity
+from ..measure.quality import quality
+from ..proof.certificate import check_boundary
+from ..registration.register import Registration
+from .options import Run
+from .posed import Posed, Registered, no_proof
+from .result import TransferResult
+from .sliding import SlideReport, slide_joints
+from .source_boundary import SourceBoundary
+
+__all__ = ["measure", "slide", "solve"]
+
+
+def slide(
+    posed: Posed,
+    movable: Sequence[NDArray[np.bool_]],
+    boundary: SourceBoundary,
+    interior: InteriorSolver,
+    run: Run,
+) -> tuple[Posed, SlideReport | None]:
+    """Joints moved to where the distortion is least."""
+    if posed.failure is not None or not any(mask.any() for mask in movable):
+        return posed, None
+
+    def refit(moved: Registration) -> FittedBoundary | None:
+        trial = fit_boundary(moved, boundary.single, tolerance=run.options.fit_tolerance)
+        check = boundary.check(trial)
+        return trial if check.failure is None and check.degenerate == posed.degenerate else None
+
+    with run.clock("sliding"):
+        slid = slide_joints(
+            posed.registration,
+            posed.fitted,
+            posed.start,
+            movable,
+            interior.source.topology,
+            interior.optimizer(posed.degenerate),
+            refit,
+            boundary.points,
+            run.options.fit_tolerance,
+            run.budget,
+        )
+    if slid is None:
+        return posed, SlideReport(())
+    moved = replace(posed, registration=slid.registration, fitted=slid.fitted, start=slid.map.points)
+    return moved, SlideReport(slid.energies)
+
+
+def solve(posed: Posed, boundary: SourceBoundary, interior: InteriorSolver, run: Run) -> tuple[Posed, InteriorMap]:
+    """The inside: by the chosen method, or an illustration of why there is none."""
+    start = posed.start
+    if posed.failure is not None:
+        return posed, interior.harmonic(start, run.clock, posed.failure.reason)
+    if run.options.method == "paper":
+        return posed, interior.paper(start, run.clock, run.budget)
+    report = check_boundary(boundary.curves(start))
+    if report.simple:
+        return posed, interior.certified(start, posed.degenerate, run.progress, run.clock, run.budget)
+    failure = no_proof(report, Registered(posed.registration, posed.doubt))
+    found = interior.unproved(start, posed.degenerate, run.progress, run.clock, run.budget, failure.reason)
+    return replace(posed, failure=failure), found
+
+
+def measure(
+    posed: Posed, sliding: SlideReport | None, found: InteriorMap, interior: InteriorSolver, run: Run
+) -> TransferResult:
+    """The result with its evidence."""
+    stopped = run.budget.reason() if run.budget.expired() else found.stopped
+    warnings = [
+        *posed.registration.warnings,
+        *posed.fitted.warnings,
+        *(
+            f"patch {k} is degenerate at its corner {c}: one patch fills a straight angle of the target there"
+            for k, c in posed.degenerate
+        ),
+        *found.notes,
+        *([] if stopped is None else [stopped]),
+        *_lost_continuity(found, interior, run),
+    ]
+    with run.clock("quality"):
+        multipatch = interior.model(found.points)
+        metrics = quality(multipatch, exclude=posed.degenerate)
+    with run.clock("continuity report"):
+        continuity = check_continuity(multipatch)
+    return TransferResult(
+        multipatch=multipatch,
+        certificate=found.certificate,
+        quality=metrics,
+        continuity=continuity,
+        rows=found.rows,
+        boundary_error=posed.fitted.error,
+        registration=posed.registration,
+        fitted=posed.fitted,
+        corner_bound=posed.corner_bound,
+        method=run.options.method,
+        log=(*([] if sliding is None else [str(sliding)]), *found.log),
+        failure=posed.failure,
+        warnings=tuple(warnings),
+        timings=run.clock.seconds,
+        paper_history=found.history,
+        sliding=sliding,
+        stopped=stopped,
+    )
+
+
+def _lost_continuity(found: InteriorMap, interior: InteriorSolver, run: Run) -> list[str]:
+    """Warnings where patches are not joined as asked for."""
+    if found.rows is not None:
+        return found.rows.warnings(interior.source)
+    if found.certificate.injective and run.budget.expired():
+        why = "no time was left for more"
+    elif interior.continuity != "c0" and interior.source.interfaces:
+        why = "there is no injective map to start from"
+    else:
+        return []
+    return [f'patches are joined C0 only, not "{interior.continuity}": {why}']

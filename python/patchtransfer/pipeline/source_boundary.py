@@ -1,0 +1,142 @@
+"""The source's boundary: targets are registered to it, fitted with its knots, and posed as problems for the inside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import InfeasibleTargetError
+from ..fitting.fit import FREE, SMOOTH, FittedBoundary, fit_boundary
+from ..geometry.boundary import Boundary
+from ..geometry.curve import BSplineCurve
+from ..geometry.outline import Outline
+from ..geometry.topology import CORNERS, Topology
+from ..numeric.arrays import FloatArray
+from ..proof.feasibility import Corner, check_corners, check_loops, check_target_corners
+from ..registration.register import Registration, register
+from .options import Run
+from .posed import FITTED, Posed, Registered, no_fit
+
+__all__ = ["SourceBoundary"]
+
+#: A fit that misses the target by more than so many tolerances is tried once more.
+MISSED = 2.0
+
+
+class FitCheck(NamedTuple):
+    """Upper bound of the scaled Jacobian by a fit's corners, its degenerate corners, and what is wrong with it."""
+
+    corner_bound: float
+    degenerate: tuple[tuple[int, int], ...]
+    failure: str | None
+
+
+class SourceBoundary:
+    """The boundary of a source.
+
+    Parameters
+    ----------
+    loops : sequence of loops of curves
+        Of the source with shared points.
+    topology : Topology
+        Of the source.
+    """
+
+    def __init__(self, loops: Sequence[Sequence[BSplineCurve]], topology: Topology) -> None:
+        self.loops = loops
+        self._topology = topology
+        self._outlines = [Outline(loop) for loop in loops]
+        valence = {vertex.point: vertex.valence for vertex in topology.vertices}
+        of_sides = [[side.points(topology.points[side.patch]) for side in loop] for loop in topology.loops]
+        #: Loop by loop, whether one patch alone fills each joint.
+        self.single = [[valence[int(points[0])] == 1 for points in loop] for loop in of_sides]
+        self._side_points = np.concatenate([points for loop in of_sides for points in loop])
+
+    def register(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> Registered:
+        """Correspondence of the boundaries, on a target that allows an injective map."""
+        with run.clock("feasibility"):
+            # Before what depends on a correspondence is blamed on landmarks. As given, so that messages name the user's
+            # own loops, curves and parameters. Registration itself refuses another number of loops.
+            same = len(target.loops) == len(self.loops)
+            notes = check_loops(target.loops, "target boundary") if same else []
+        with run.clock("registration"):
+            paper = run.options.method == "paper"
+            registration = register(self._outlines, target, landmarks, marked_curves=paper)
+        with run.clock("feasibility"):
+            images = [loop.joints[:-1] for loop in registration.loops]
+            check_target_corners(
+                [loop.target.point(s) for loop, s in zip(registration.loops, images, strict=True)],
+                [loop.target.turn(s) for loop, s in zip(registration.loops, images, strict=True)],
+                self.single,
+                SMOOTH,
+            )
+        registration = replace(registration, warnings=(*registration.warnings, *notes))
+        return Registered(registration, notes[0] if notes else None)
+
+    def registered(self, registration: Registration) -> Registration:
+        """The same correspondence with this boundary's curves, where the source got more knots."""
+        pairs = zip(registration.loops, self._outlines, strict=True)
+        return replace(registration, loops=tuple(replace(loop, source=outline) for loop, outline in pairs))
+
+    def fit(self, registration: Registration, run: Run) -> FittedBoundary:
+        """The fit, made more freely where it misses the target by far."""
+        tolerance = run.options.fit_tolerance
+        with run.clock("fitting"):
+            if run.options.method == "paper":
+                return fit_boundary(registration, parameters="uniform", tolerance=tolerance)
+            fitted = fit_boundary(registration, self.single, tolerance=tolerance)
+            if fitted.error <= MISSED * tolerance:
+                return fitted
+            free = fit_boundary(registration, self.single, tolerance=tolerance, stiffness=FREE)
+        with run.clock("feasibility"):
+            return free if free.error < fitted.error and self.check(free).failure is None else fitted
+
+    def check(self, fitted: FittedBoundary) -> FitCheck:
+        """Loops and corners of a fit.
+
+        The target passed these checks, so a failure is the fit's: the source's knots are too coarse for it.
+        """
+        curves = [[side.curve for side in sides] for sides in fitted.loops]
+        try:
+            check_loops(curves, FITTED)
+            corners = check_corners(curves, self.single, FITTED)
+        except InfeasibleTargetError as error:
+            return FitCheck(-1.0, (), str(error))
+        return FitCheck(min((corner.bound for corner in corners), default=1.0), self.degenerate(corners), None)
+
+    def pose(self, registered: Registered, fitted: FittedBoundary, run: Run) -> Posed:
+        """The problem for the inside that a fit poses."""
+        with run.clock("feasibility"):
+            corner_bound, degenerate, reason = self.check(fitted)
+            failure = None if reason is None else no_fit(registered, fitted.error, reason)
+            return Posed(*registered, fitted, self.points(fitted), degenerate, corner_bound, failure)
+
+    def degenerate(self, corners: Sequence[Corner]) -> tuple[tuple[int, int], ...]:
+        """(patch, corner) of all corners where one patch fills a straight angle."""
+        found = []
+        for corner in corners:
+            if corner.kind == "degenerate":
+                side = self._topology.loops[corner.loop][corner.joint]
+                points = self._topology.points[side.patch]
+                start = side.points(points)[0]
+                found.append((side.patch, next(c for c, (i, j) in enumerate(CORNERS) if points[i, j] == start)))
+        return tuple(found)
+
+    def curves(self, points: FloatArray) -> list[list[BSplineCurve]]:
+        """The boundary loops of shared control points."""
+        topology = self._topology
+        pairs = zip(topology.patches, topology.points, strict=True)
+        patches = [patch.with_control_points(points[p]) for patch, p in pairs]
+        return [[side.curve(patches) for side in loop] for loop in topology.loops]
+
+    def points(self, fitted: FittedBoundary) -> FloatArray:
+        """Shared control points with the fitted boundary and the source's interior."""
+        points = self._topology.coordinates.copy()
+        points[self._side_points] = np.concatenate(
+            [fit.curve.control_points for sides in fitted.loops for fit in sides]
+        )
+        return points

@@ -1,0 +1,47 @@
+"""What an import loads: users pay for what they work with."""
+
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("matplotlib", "scipy.interpolate", "scipy.optimize", "scipy.special", "scipy.spatial")
+
+
+def loaded_after(code: str) -> set[str]:
+    report = f"{code}\nimport sys; print('\\n'.join(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", report], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+def test_the_package_itself_loads_no_numerics():
+    assert loaded_after("import patchtransfer").isdisjoint({"numpy", "scipy", *HEAVY})
+
+
+@pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["transfer", "--help"], ["batch", "--help"]])
+def test_help_and_version_answer_without_numerics(arguments):
+    code = f"""
+from patchtransfer.cli import main
+try:
+    main({arguments!r})
+except SystemExit as end:
+    assert end.code == 0
+"""
+    assert loaded_after(code).isdisjoint({"numpy", "scipy", *HEAVY})
+
+
+def test_reading_and_checking_a_model_needs_no_scipy():
+    code = """
+import pathlib
+import patchtransfer as pt
+mp = pt.read(pathlib.Path(pt.__file__).parent / "examples/wrench/source.xml")
+assert pt.certify(mp).injective
+pt.quality(mp), pt.check_continuity(mp)
+"""
+    names = loaded_after(code)
+    assert names.isdisjoint({"scipy", "matplotlib"})
+
+
+def test_a_transfer_loads_none_of_the_slow_libraries():
+    names = loaded_after("import patchtransfer as pt; pt.transfer, pt.TransferPlan, pt.write")
+    assert names.isdisjoint(HEAVY)
