@@ -381,7 +381,7 @@ for mp in (models.o_grid(3, 4), models.plate_with_hole(2, 5)):
 
 
 def test_results_do_not_depend_on_the_number_of_threads():
-    here = str(Path(__file__).parent)
+    here = str(Path(__file__).parents[1] / "support")
     output = [
         subprocess.run(
             [sys.executable, "-c", SCRIPT, here, str(n)], capture_output=True, text=True, check=True, env=os.environ

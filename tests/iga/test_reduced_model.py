@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-SCRIPT = Path(__file__).parents[1] / "docs" / "gallery" / "reduced_order_model.py"
+SCRIPT = Path(__file__).parents[2] / "docs" / "gallery" / "reduced_order_model.py"
 
 
 def load():

@@ -25,7 +25,7 @@ def found():
     for blas, core in COUNTS:
         counts = {"OPENBLAS_NUM_THREADS": str(blas), "RAYON_NUM_THREADS": str(core)}
         run = subprocess.run(
-            [sys.executable, str(Path(__file__).with_name("bits.py"))],
+            [sys.executable, str(Path(__file__).parents[1] / "support" / "bits.py")],
             env={**os.environ, **counts},
             capture_output=True,
             text=True,

@@ -11,7 +11,7 @@ import pytest
 import patchtransfer as pt
 from patchtransfer import limits
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 def listed() -> list[str]:

@@ -11,7 +11,7 @@ import patchtransfer as pt
 from patchtransfer import examples
 from patchtransfer.cli import main
 
-README = Path(__file__).parents[1] / "README.md"
+README = Path(__file__).parents[2] / "README.md"
 
 
 #: Boundary loops, patches at most, and valences of the extraordinary vertices.

@@ -20,7 +20,7 @@ from patchtransfer.cli import main
 from patchtransfer.iga.poisson import sine, sine_gradient, sine_load
 from patchtransfer.iga.space import MAX_DEGREE
 
-BENCH = Path(__file__).parents[1] / "benches" / "python" / "poisson_nutils.py"
+BENCH = Path(__file__).parents[2] / "benches" / "python" / "poisson_nutils.py"
 MODELS = os.environ.get("PATCHTRANSFER_MODELS")
 
 

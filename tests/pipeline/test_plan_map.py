@@ -197,7 +197,7 @@ def test_ctrl_c_ends_it(kind, tmp_path):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
     process = subprocess.Popen(
-        [sys.executable, str(script), str(Path(__file__).parent), kind],
+        [sys.executable, str(script), str(Path(__file__).parents[1] / "support"), kind],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
