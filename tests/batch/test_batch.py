@@ -9,10 +9,10 @@ from click.testing import CliRunner
 import models
 import patchtransfer as pt
 import targets
+from failing import SLOT, notched
 from patchtransfer import InputError, TransferPlan
 from patchtransfer.batch import BatchOptions, _in_processes, _jobs, run_batch
 from patchtransfer.cli import main
-from test_transfer import SLOT, notched
 
 
 def put(folder, name, mp, f, landmarks=True):

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 import patchtransfer as pt
-from test_cli import arguments, failed, files, listing, run
-
-__all__ = ["files"]
-
+from commands import arguments, failed, inputs_of_transfer, listing, run
 
 SQUARE = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
+
+
+@pytest.fixture
+def files(tmp_path):
+    return inputs_of_transfer(tmp_path)
 
 
 def _csv(path, loops) -> None:

@@ -9,14 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import models
 import patchtransfer as pt
-import targets
-from patchtransfer.cli import main
+from commands import arguments, failed, inputs_of_transfer, listing, run
+from failing import SLOT, eight, folded_source, moved_hole, notched, plate, rational_source
 from patchtransfer.interior.solver import InteriorSolver
-from test_transfer import SLOT, eight, folded_source, moved_hole, notched, plate, rational_source
 
 PNG = b"\x89PNG\r\n\x1a\n"
 KEYS = {
@@ -27,33 +25,9 @@ KEYS = {
 }
 
 
-def run(*arguments):
-    return CliRunner().invoke(main, [str(a) for a in arguments])
-
-
-def failed(result, status: int, message: str) -> None:
-    """The status, no traceback, and one line on standard error that matches."""
-    assert result.exit_code == status, result.output
-    assert result.exception is None or isinstance(result.exception, SystemExit), repr(result.exception)
-    lines = result.stderr.strip().split("\n")
-    assert len(lines) == 1
-    assert lines[0].startswith("error: ")
-    assert re.search(message, lines[0]), lines[0]
-
-
 @pytest.fixture
 def files(tmp_path):
-    """A folder with a source, a target and landmarks."""
-    mp = models.plate_with_hole(2, 2)
-    target, landmarks = targets.deformed(mp, targets.bend(mp, 30))
-    pt.write(mp, tmp_path / "source.xml")
-    pt.write(target, tmp_path / "target.xml")
-    np.savetxt(tmp_path / "landmarks.csv", landmarks, delimiter=",", header="xs,ys,xt,yt", comments="")
-    return tmp_path
-
-
-def listing(folder) -> set:
-    return {p.name for p in folder.iterdir()}
+    return inputs_of_transfer(tmp_path)
 
 
 def shaped(data: dict) -> None:
@@ -63,10 +37,6 @@ def shaped(data: dict) -> None:
     for name in ("scaled_jacobian", "condition_number"):
         assert set(data["quality"][name]) == {"min", "mean", "max"}
     assert {"mean", "max"} <= set(data["continuity"]["kink_deg"])
-
-
-def arguments(folder, *more):
-    return "transfer", folder / "source.xml", folder / "target.xml", "-o", folder / "out.xml", *more
 
 
 # --- success --------------------------------------------------------------------------------------

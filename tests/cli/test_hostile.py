@@ -17,12 +17,12 @@ import pytest
 import models
 import patchtransfer as pt
 import targets
+from commands import failed, run
 from patchtransfer import files as whole_files
 from patchtransfer import interruption, limits
 from patchtransfer.io import points, safe_xml
 from patchtransfer.io.json_text import json_text
 from patchtransfer.io.loops import chain
-from test_cli import failed, run
 
 PROGRAM = [sys.executable, "-m", "patchtransfer.cli"]
 SQUARE = {"vertices": [[0, 0], [1, 0], [1, 1], [0, 1]], "quads": [[0, 1, 2, 3]], "boundary": "square.csv"}

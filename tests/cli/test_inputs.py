@@ -9,7 +9,7 @@ import pytest
 import models
 import patchtransfer as pt
 import targets
-from test_cli import failed, run
+from commands import failed, run
 
 
 @pytest.fixture

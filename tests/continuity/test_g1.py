@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -12,34 +9,13 @@ from hypothesis import strategies as st
 
 import models
 import patchtransfer as pt
+import real
 import targets
 from patchtransfer.continuity.conditions import evaluated
 from patchtransfer.continuity.g1 import check_g1_space, g1_rows, gluing_data
 from patchtransfer.continuity.interfaces import control_rows
 from patchtransfer.continuity.null_space import row_space
 from strategies import deformations, layouts
-from test_continuity_rows import cross, jiggled
-
-MODELS = os.environ.get("PATCHTRANSFER_MODELS")
-needs_models = pytest.mark.skipif(not MODELS, reason="PATCHTRANSFER_MODELS is not set")
-
-
-def with_freedom(mp: pt.MultiPatch) -> pt.MultiPatch:
-    """Degree 3, inner knots of C1."""
-    return (mp.elevate(3 - mp.patches[0].degrees[0]) if mp.patches[0].degrees[0] < 3 else mp).reduce_continuity(1)
-
-
-def ring_of_two_layers(patches: int = 5) -> pt.MultiPatch:
-    """Two concentric rings of patches: a chord that closes, with regular vertices only."""
-
-    def sector(k: int, layer: int) -> models.Map:
-        def f(u, v):
-            angle, radius = 2 * np.pi * (k + u) / patches, 1 + 0.5 * (layer + v)
-            return np.stack([1.2 * radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
-
-        return f
-
-    return models.build([models.after(sector(k, i), models.wave) for k in range(patches) for i in (0, 1)], 3, 2)
 
 
 def itself(mp: pt.MultiPatch, continuity: str) -> pt.TransferResult:
@@ -48,18 +24,9 @@ def itself(mp: pt.MultiPatch, continuity: str) -> pt.TransferResult:
     return pt.transfer(mp, target, joints, continuity)
 
 
-SPACES = {name: (lambda make=make: with_freedom(make())) for name, make in models.ALL.items()} | {
-    "closed chord": lambda: with_freedom(ring_of_two_layers()),
-    "nine cells": lambda: with_freedom(models.grid(3, 3, 3, 2)),
-    "star of valence 6": lambda: with_freedom(models.star(6, 3, 2)),
-    "quartic, C2": lambda: models.grid(3, 2, 3, 3).elevate(1).reduce_continuity(2),
-    "quartic, one span": lambda: models.o_grid(3, 1).elevate(1),
-}
-
-
-@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("name", models.SPACES)
 def test_gluing_data_close_the_twists_and_redundancy_is_known(name):
-    mp = SPACES[name]()
+    mp = models.SPACES[name]()
     t = mp.topology
     x = itself(mp, "c1").multipatch.topology.coordinates
     control = control_rows(t)
@@ -96,14 +63,14 @@ def expected_redundancy(mp: pt.MultiPatch, x: np.ndarray) -> int:
         sides = [side.points(t.points[side.patch]) for side in loop]
         for before, after in zip(sides[-1:] + sides[:-1], sides, strict=True):
             u, v = x[before[-1]] - x[before[-2]], x[after[1]] - x[after[0]]
-            straight = abs(cross(u, v)) < 1e-9 * np.linalg.norm(u) * np.linalg.norm(v)
+            straight = abs(u[0] * v[1] - u[1] * v[0]) < 1e-9 * np.linalg.norm(u) * np.linalg.norm(v)
             smooth += bool(straight and valence[int(after[0])] > 1)
     return 2 * len(interior) + sum(v.valence == 4 for v in interior) + smooth
 
 
 def test_open_twists_would_cost_a_degree_of_freedom():
     """The closure matters: moving one middle coefficient makes the rows at its regular vertices independent."""
-    mp = with_freedom(models.grid(2, 2, 3, 2))
+    mp = models.with_freedom(models.grid(2, 2, 3, 2))
     t = mp.topology
     x = itself(mp, "c1").multipatch.topology.coordinates
     control = control_rows(t)
@@ -122,10 +89,10 @@ def test_open_twists_would_cost_a_degree_of_freedom():
     assert opened.basis.shape[1] == closed.basis.shape[1] - 1
 
 
-@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("name", models.SPACES)
 def test_rows_vanish_on_exact_maps(name):
     """Gluing data found on a map that is exact reproduce it: end frames, middle of c and closure agree."""
-    mp = SPACES[name]()
+    mp = models.SPACES[name]()
     target, landmarks = targets.deformed(mp, targets.bend(mp, 30), seed=len(name))
     result = pt.transfer(mp, target, landmarks, "g1").multipatch
     x = result.topology.coordinates
@@ -147,9 +114,9 @@ def is_exact(result: pt.TransferResult) -> None:
     assert all(f.gluing_positive for f in result.continuity.interfaces)
 
 
-@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("name", models.SPACES)
 def test_transfers_are_exact(name):
-    mp = SPACES[name]()
+    mp = models.SPACES[name]()
     target, landmarks = targets.deformed(mp, targets.bend(mp, 30), seed=len(name))
     before = pt.transfer(mp, target, landmarks, "c1")
     result = pt.transfer(mp, target, landmarks, "g1")
@@ -178,7 +145,7 @@ def test_transfers_of_random_layouts_are_exact_or_say_where_not(data):
 
 
 def test_paper_method_is_exact_too():
-    mp = with_freedom(models.o_grid(3, 2))
+    mp = models.with_freedom(models.o_grid(3, 2))
     target, landmarks = targets.deformed(mp, targets.bend(mp, 20))
     result = pt.transfer(mp, target, landmarks, "g1", "paper")
     is_exact(result)
@@ -210,7 +177,7 @@ def test_remedies_do_what_they_say():
 @given(seed=st.integers(0, 10**6), by=st.integers(1, 2), parts=st.integers(1, 3), smoothness=st.integers(0, 2))
 @settings(max_examples=20)
 def test_other_spline_spaces_hold_the_same_map(seed, by, parts, smoothness):
-    mp = jiggled(models.o_grid(2, 2), seed)
+    mp = models.jiggled(models.o_grid(2, 2), seed)
     other = mp.elevate(by).split_spans(parts).reduce_continuity(smoothness)
     assert other.interfaces == mp.interfaces
     assert pt.check_continuity(other).c0_gap == 0
@@ -241,20 +208,20 @@ REAL = {
 }
 
 
-@needs_models
+@real.needed
 @pytest.mark.parametrize("name", REAL)
 def test_real_models_nod(name):
-    mp = REAL[name](pt.read(Path(MODELS) / f"{name}.xml"))
+    mp = REAL[name](real.model(name))
     target, landmarks = targets.deformed(mp, targets.articulation(mp, 25, at=0.65))
     result = pt.transfer(mp, target, landmarks, "g1")
     is_exact(result)
     assert result.quality.scaled_jacobian.min >= 0.15
 
 
-@needs_models
+@real.needed
 def test_linear_gluing_where_the_best_fit_squeezes_the_map():
     """The fitted c folds a leg of the turtle nearly flat (minimum 0.02): the second choice is taken."""
-    mp = REAL["turtle"](pt.read(Path(MODELS) / "turtle.xml"))
+    mp = REAL["turtle"](real.model("turtle"))
     target, landmarks = targets.deformed(mp, targets.bend(mp, 60))
     result = pt.transfer(mp, target, landmarks, "g1")
     is_exact(result)

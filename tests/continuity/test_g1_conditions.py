@@ -18,10 +18,11 @@ from patchtransfer.continuity.g1 import g1_rows
 from patchtransfer.continuity.interfaces import ControlRows, control_rows
 from patchtransfer.continuity.null_space import RowSpace, row_space
 from patchtransfer.geometry.patch import Patch
-from test_g1 import SPACES, with_freedom
 
 #: Symmetric ones among them: a : b is constant, or c zero, to rounding or to what the optimiser leaves.
-ALL = SPACES | {name: (lambda name=name: with_freedom(examples.load(name)[0])) for name in examples.EXAMPLES}
+ALL = models.SPACES | {
+    name: (lambda name=name: models.with_freedom(examples.load(name)[0])) for name in examples.EXAMPLES
+}
 DEFORMATIONS = {"itself": lambda mp: lambda x: x, "bent": lambda mp: targets.bend(mp, 30)}
 
 

@@ -10,7 +10,7 @@ from patchtransfer import Boundary, BSplineCurve, InputError, MultiPatch, Patch
 from patchtransfer.fitting.fit import fit_boundary
 from patchtransfer.geometry.outline import Outline, hausdorff
 from patchtransfer.registration.register import register
-from test_outline import polygon
+from shapes import polygon
 
 
 def curves(fitted):
@@ -101,7 +101,7 @@ def wavy_ring(pieces: int = 3) -> Boundary:
     r = radius(t)
     points = np.column_stack([r * np.cos(t), r * np.sin(t)])
     n = (len(t) - 1) // pieces
-    return Boundary([[targets._through(points[k * n : (k + 1) * n + 1], 5) for k in range(pieces)]])
+    return Boundary([[targets.through(points[k * n : (k + 1) * n + 1], 5) for k in range(pieces)]])
 
 
 @pytest.mark.parametrize("degree", [2, 3])

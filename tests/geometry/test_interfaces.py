@@ -10,15 +10,9 @@ from hypothesis import strategies as st
 import models
 from patchtransfer import InputError, Interface, MultiPatch, Patch, Side, certify
 from patchtransfer.geometry.interfaces import infer_interfaces
-from strategies import turned
+from shapes import LINE, quad, turned
 
-K = [0, 0, 1, 1]
 quick = settings(max_examples=150, deadline=None)
-
-
-def quad(a, b, c, d) -> Patch:
-    """Bilinear patch with its corners counter-clockwise."""
-    return Patch((K, K), (1, 1), [[a, d], [b, c]])
 
 
 def pairs(interfaces) -> set:
@@ -99,7 +93,7 @@ def test_slivers_between_two_of_a_patchs_sides_are_not_closed(opening):
     """South and west of these patches nearly coincide: gluing them would take the patch away."""
     rhombus = quad((0, 0), (1, 0), (2, opening), (1, opening))
     kite = quad((0, 0), (1, 0), (100, 0.5 * opening), (1, opening))
-    lens = Patch(([0] * 3 + [1] * 3, K), (2, 1), [[(0, 0)] * 2, [(1, -opening), (1, opening)], [(2, 0)] * 2])
+    lens = Patch(([0] * 3 + [1] * 3, LINE), (2, 1), [[(0, 0)] * 2, [(1, -opening), (1, opening)], [(2, 0)] * 2])
     for patch in (rhombus, kite, lens):
         assert infer_interfaces([patch]) == ()
 

@@ -11,13 +11,8 @@ from scipy.integrate import quad
 import models
 from patchtransfer import BSplineCurve
 from patchtransfer.geometry.outline import Outline, hausdorff
+from shapes import circle, polygon
 from strategies import boundaries
-from test_splines import circle
-
-
-def polygon(corners) -> list[BSplineCurve]:
-    corners = np.asarray(corners, float)
-    return [BSplineCurve([0, 0, 1, 1], 1, [a, b]) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
 
 
 def length(curve: BSplineCurve, a: float, b: float) -> float:

@@ -11,17 +11,11 @@ from scipy.interpolate import BSpline, NdBSpline, PPoly
 from patchtransfer import BSplineCurve, InputError, Patch
 from patchtransfer.geometry.basis import collocation_matrix, knot_spans
 from patchtransfer.geometry.packing import pack_curves, pack_patches, unpack_curves, unpack_patches
+from shapes import circle
 from strategies import boundaries, curves, multipatches, patches
 
 quick = settings(max_examples=30, deadline=None)
 LINE = ([0, 0, 1, 1], 1, [[0, 0], [2, 1]])
-
-
-def circle(radius: float = 1.0) -> BSplineCurve:
-    """Nine-point NURBS circle."""
-    ring = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)]
-    knots = [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4]
-    return BSplineCurve(knots, 2, radius * np.array(ring, float), [1, 0.5**0.5] * 4 + [1])
 
 
 def inside(knots, count: int = 23) -> np.ndarray:

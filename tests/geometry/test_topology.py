@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 import models
 from patchtransfer import Boundary, InputError, Interface, MultiPatch, Patch, Side
 from patchtransfer.geometry.areas import polygon_area, signed_areas
-from strategies import multipatches, patches, turned
+from shapes import turned
+from strategies import multipatches, patches
 
 K = [0, 0, 1, 1]
 quick = settings(max_examples=30, deadline=None)

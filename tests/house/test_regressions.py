@@ -10,7 +10,6 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,9 @@ from click.testing import CliRunner
 
 import models
 import patchtransfer as pt
+import real
 import targets
+from failing import SLOT, notched
 from patchtransfer import examples
 from patchtransfer.cli import main
 from patchtransfer.fitting.fit import FREE, STIFF, fit_boundary
@@ -27,7 +28,6 @@ from patchtransfer.fitting.fit import FREE, STIFF, fit_boundary
 from patchtransfer.fitting.refinement import refine_uniformly
 from patchtransfer.pipeline.plan import MISSED
 from patchtransfer.registration.register import register
-from test_transfer import SLOT, notched
 
 
 def waisted_plate(sag: float = 0.4, radius: float = 0.55) -> pt.MultiPatch:
@@ -170,20 +170,20 @@ def test_interrupt_while_the_core_runs(tmp_path):
     assert not (tmp_path / "out.xml").exists()
 
 
-@pytest.mark.skipif("PATCHTRANSFER_MODELS" not in os.environ, reason="needs the real models")
+@real.needed
 def test_fit_does_not_loop():
     """The closest fit to a target with a fold in it had loops of its own."""
-    mp = pt.read(Path(os.environ["PATCHTRANSFER_MODELS"]) / "disc.xml")
+    mp = real.model("disc")
     target, landmarks = targets.deformed(mp, targets.articulation(mp, 25), seed=1)
     result = pt.transfer(mp, target, landmarks)
     assert result.certificate.injective
     assert result.boundary_error < 0.02
 
 
-@pytest.mark.skipif("PATCHTRANSFER_MODELS" not in os.environ, reason="needs the real models")
+@real.needed
 def test_a_fit_that_misses_by_far_is_made_more_freely():
     """Damped slides stopped on their way: 1.7e-2 of the diameter off."""
-    mp = pt.read(Path(os.environ["PATCHTRANSFER_MODELS"]) / "disc.xml")
+    mp = real.model("disc")
     target, landmarks = targets.deformed(mp, targets.articulation(mp, 30), seed=4)
     registration = register(mp.boundary().loops, target, landmarks)
     closer = fit_boundary(registration, stiffness=FREE).error
@@ -218,10 +218,10 @@ def test_a_closer_fit_that_rules_out_a_map_is_not_taken(factor, angle):
     assert result.boundary_error == fitted.error
 
 
-@pytest.mark.skipif("PATCHTRANSFER_MODELS" not in os.environ, reason="needs the real models")
+@real.needed
 def test_legs_of_the_free_fit_are_not_put_back_on_the_tangent():
     """A leg that wants to stray by more than 60 degrees is held at 35: on the tangent the fit stopped at 6e-3."""
-    turtle = pt.read(Path(os.environ["PATCHTRANSFER_MODELS"]) / "turtle.xml")
+    turtle = real.model("turtle")
     target, landmarks = targets.deformed(turtle, targets.articulation(turtle, -25, at=0.55), seed=3)
     result = pt.transfer(turtle, target, landmarks, "c0")
     assert result.boundary_error < 3e-3
@@ -237,13 +237,13 @@ def test_the_default_fit_does_not_stop_on_its_way():
 
 
 def turned_turtle(degrees: float) -> pt.MultiPatch:
-    turtle = pt.read(Path(os.environ["PATCHTRANSFER_MODELS"]) / "turtle.xml")
+    turtle = real.model("turtle")
     turn = targets.similarity(degrees, 1.0)
     points = [patch.control_points for patch in turtle.patches]
     return turtle.with_control_points([turn(c.reshape(-1, 2)).reshape(c.shape) for c in points])
 
 
-@pytest.mark.skipif("PATCHTRANSFER_MODELS" not in os.environ, reason="needs the real models")
+@real.needed
 def test_legs_at_corners_keep_to_the_tangent():
     """The best step was one with a leg 109 degrees off the tangent at a reflex corner: scaled Jacobian 0.05."""
     mp = turned_turtle(-50)
@@ -263,7 +263,7 @@ def test_legs_at_corners_keep_to_the_tangent():
     assert result.quality.scaled_jacobian.min > 0.3
 
 
-@pytest.mark.skipif("PATCHTRANSFER_MODELS" not in os.environ, reason="needs the real models")
+@real.needed
 @pytest.mark.parametrize(("turn", "bend", "limit"), [(-50, -60, 5e-4), (55, 60, 7.5e-4)])
 def test_sides_of_one_span_come_as_close_as_their_knots_allow(turn, bend, limit):
     """Sides beyond a corner decided which step was best, or that no step was worth it: 6.2e-4 and 1.06e-3.

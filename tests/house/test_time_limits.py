@@ -11,32 +11,24 @@ from click.testing import CliRunner
 import models
 import patchtransfer as pt
 import targets
+from failing import hopeless
 from patchtransfer import InputError, MultiPatch, NotCertifiedError, io, progress
 from patchtransfer.batch import BatchOptions, run_batch
 from patchtransfer.cli import main
-from patchtransfer.interior.optimizer import SplineOptimizer, optimize_with_ladder, step_cost
+from patchtransfer.interior.optimizer import SplineOptimizer, step_cost
 from patchtransfer.interior.solver import InteriorSolver
 from patchtransfer.interior.under_rows import optimize_under_rows
 from patchtransfer.pipeline.failures import no_proof
 from patchtransfer.progress import Budget
 from patchtransfer.proof.certificate import check_boundary
-from test_ladder import CASES, given_boundary, strip
-
-SWIRL = ((0.5559415, 0.80298034), -500 * 0.6875, 0.5666576758324919)
 
 
 def touching() -> tuple[MultiPatch, np.ndarray]:
     """Shared points of a strip whose long sides touch in the middle."""
-    mp = strip(4, 2, 2)
+    mp = models.strip(4, 2, 2)
     points = mp.topology.coordinates.copy()
     points[:, 1] = 0.5 + (points[:, 1] - 0.5) * np.abs(points[:, 0] - 2) / 2
     return mp, points
-
-
-def hopeless() -> tuple[MultiPatch, pt.Boundary, np.ndarray]:
-    """A feasible target whose inside folds on every rung: too few knots."""
-    mp = strip(5, 2, 1)
-    return mp, *given_boundary(mp, targets.swirl(mp, *SWIRL))
 
 
 class Counted:
@@ -122,34 +114,6 @@ def test_work_is_counted_in_nodes():
     assert half.seconds_left() is None
 
 
-@pytest.mark.parametrize("work", [0.0, 1e5, 1e6, 3e6])
-def test_the_ladder_keeps_to_its_budget(work):
-    """Whatever is left, the first rung is climbed; after it steps are only taken as far as the budget reaches."""
-    case = CASES[-1]
-    mp = case.model()
-    t, spent = mp.topology, []
-
-    class Watched(SplineOptimizer):
-        def minimise(self, points, *args, **options):
-            found = super().minimise(points, *args, **options)
-            spent.append(len(found.history) * self.step_cost)
-            return found
-
-    _, certificate, log = optimize_with_ladder(
-        lambda **options: Watched(t, **options),
-        case.move(mp),
-        lambda points: pt.certify(mp.with_shared_points(points)),
-        source=t.coordinates,
-        boundary=t.boundary_points,
-        budget=Budget(work),
-    )
-    assert not certificate.injective
-    assert spent[0] > 0
-    assert sum(spent[1:]) <= work
-    assert (len(spent) > 1) == (work > 0)
-    assert log[-1] == "stopped by the budget of Newton steps: what would be tried next seldom helps"
-
-
 @pytest.mark.parametrize("continuity", ["c0", "c1"])
 def test_a_transfer_without_hope_keeps_to_its_budget(continuity, monkeypatch):
     mp, target, landmarks = hopeless()
@@ -177,7 +141,7 @@ def test_a_transfer_without_hope_keeps_to_its_budget(continuity, monkeypatch):
 @pytest.mark.parametrize("proved", [False, True])
 def test_a_certified_map_with_collapsed_corners_is_kept_for_want_of_another(proved):
     """It renews the budget, and is the result where neither fewer rows nor the map without any are certified."""
-    mp = strip(2, 3, 3)
+    mp = models.strip(2, 3, 3)
     t, reference = mp.topology, mp.topology.coordinates
     flat = reference.copy()
     across = t.interior_points[np.abs(reference[t.interior_points, 0] - 1) < 0.1]
@@ -212,7 +176,7 @@ def test_a_certified_map_with_collapsed_corners_is_kept_for_want_of_another(prov
 
 @pytest.mark.parametrize("bad", [0, -1.0, float("nan"), "5"])
 def test_limits_that_are_none_are_refused(bad, tmp_path):
-    mp = strip(2, 2, 1)
+    mp = models.strip(2, 2, 1)
     with pytest.raises(InputError, match="time_limit must be a positive number of seconds"):
         pt.transfer(mp, mp.boundary(), time_limit=bad)
     io.write(mp, tmp_path / "source.xml")

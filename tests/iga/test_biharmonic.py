@@ -1,8 +1,5 @@
 """C¹ fields and the biharmonic equation: exactness, orders with and without AS-G1, the null space by a second route."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, reject, settings
@@ -10,15 +7,13 @@ from hypothesis import strategies as st
 
 import models
 import patchtransfer as pt
+import real
 import strategies
 import targets
 from patchtransfer import examples, iga
 from patchtransfer.iga.biharmonic import sine_hessian
 from patchtransfer.iga.nodes import GeometryAt, PatchNodes, gauss
 from patchtransfer.iga.poisson import sine, sine_gradient
-from test_g1 import SPACES
-
-MODELS = os.environ.get("PATCHTRANSFER_MODELS")
 
 
 def star(valence: int, seed: int | None = 1) -> pt.MultiPatch:
@@ -168,10 +163,10 @@ def test_orders_on_transferred_samples(name):
         assert iga.biharmonic(plain, degree=degree, divisions=8, gluing="nearest").errors.l2 > 1000 * fine.l2
 
 
-@pytest.mark.skipif(not MODELS, reason="PATCHTRANSFER_MODELS is not set")
+@real.needed
 def test_orders_on_a_published_model():
     """An O-grid with four vertices of valence 3, curved and AS-G1; the solution scaled to its size."""
-    mp = pt.read(Path(MODELS) / "disc.xml")
+    mp = real.model("disc")
     s = 1 / mp.diameter
     problem = {
         "f": lambda x, y: 4 * (np.pi * s) ** 4 * sine(s * x, s * y),
@@ -237,7 +232,7 @@ def test_a_kink_inside_a_patch_is_refused():
 @settings(max_examples=6, deadline=None)
 def test_symmetric_models_that_change_a_little_have_no_doubtful_ranks(name, seed, exponent):
     """Gluing data are as small as the change, the conditions of the fields are not."""
-    mp = SPACES[name]()
+    mp = models.SPACES[name]()
     target, landmarks = targets.deformed(mp, targets.waves(mp, 10**exponent, seed), same_cuts=True)
     smooth = pt.transfer(mp, target, landmarks, "g1").multipatch
     degree = max(smooth.patches[0].degrees)

@@ -2,7 +2,6 @@
 
 import importlib.util
 import json
-import os
 import re
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from hypothesis import strategies as st
 
 import models
 import patchtransfer as pt
+import real
 import strategies
 from patchtransfer import InputError, _core, examples, iga
 from patchtransfer.cli import main
@@ -21,7 +21,6 @@ from patchtransfer.iga.poisson import sine, sine_gradient, sine_load
 from patchtransfer.iga.space import MAX_DEGREE
 
 BENCH = Path(__file__).parents[2] / "benches" / "python" / "poisson_nutils.py"
-MODELS = os.environ.get("PATCHTRANSFER_MODELS")
 
 
 @pytest.fixture(scope="module")
@@ -173,11 +172,11 @@ def test_the_wrench_in_its_own_scale(transferred):
     assert result.errors.max < 2e-5
 
 
-@pytest.mark.skipif(not MODELS, reason="PATCHTRANSFER_MODELS is not set")
+@real.needed
 @pytest.mark.parametrize(("name", "largest"), [("yeti", 2e-6), ("turtle", 1e-6), ("disc", 2e-6)])
 def test_real_models(name, largest):
     """Patches of both orientations, holes, several knots; the solution scaled to the model's size."""
-    mp = pt.read(Path(MODELS) / f"{name}.xml")
+    mp = real.model(name)
     s = 1 / mp.diameter
     result = iga.poisson(
         mp,

@@ -15,17 +15,13 @@ import pytest
 import models
 import patchtransfer as pt
 import targets
+from failing import hopeless
 from patchtransfer import MultiPatch
 from patchtransfer.interior import optimizer as optimize
-from patchtransfer.interior.optimizer import SplineOptimizer
+from patchtransfer.interior.optimizer import SplineOptimizer, optimize_with_ladder
+from patchtransfer.progress import Budget
 
 RUNGS = ("optimise", "nodes added where the proof failed", "twice the nodes", "area weight 1", "continuation")
-
-
-def strip(patches: int, degree: int, spans: int) -> MultiPatch:
-    """Unit squares in a row."""
-    cells = [models.bilinear((a, 0), (a + 1, 0), (a + 1, 1), (a, 1)) for a in range(patches)]
-    return models.build(cells, degree, spans, None)
 
 
 def pinch(centre, degrees: float, width: float, depth: float) -> targets.Deformation:
@@ -85,7 +81,7 @@ CASES = [
     ),
     Case.of(
         "neck in a strip of Bézier patches",
-        lambda: strip(5, 4, 1),
+        lambda: models.strip(5, 4, 1),
         lambda mp: pinch((3.47493476, 0.25412518), np.degrees(300.9213728468286), 0.2708667463234203, 1.2 * 0.875),
         "area weight 1",
     ),
@@ -181,20 +177,37 @@ def test_continuation_takes_smaller_steps_where_the_map_folds(monkeypatch):
     assert optimize._continue_boundary(optimizer, t.coordinates, crossed, t.boundary_points, lambda x: x) is None
 
 
-def given_boundary(mp: MultiPatch, f: targets.Deformation) -> tuple[pt.Boundary, np.ndarray]:
-    """The target that the source's knots can represent exactly, with a landmark at every joint."""
-    moved = mp.with_shared_points(f(mp.topology.coordinates))
-    pairs = [(side.curve(mp.patches), side.curve(moved.patches)) for loop in mp.topology.loops for side in loop]
-    loops = [[side.curve(moved.patches) for side in loop] for loop in mp.topology.loops]
-    return pt.Boundary(loops), np.array([[*a.start, *b.start] for a, b in pairs])
+@pytest.mark.parametrize("work", [0.0, 1e5, 1e6, 3e6])
+def test_the_ladder_keeps_to_its_budget(work):
+    """Whatever is left, the first rung is climbed; after it steps are only taken as far as the budget reaches."""
+    case = CASES[-1]
+    mp = case.model()
+    t, spent = mp.topology, []
+
+    class Watched(SplineOptimizer):
+        def minimise(self, points, *args, **options):
+            found = super().minimise(points, *args, **options)
+            spent.append(len(found.history) * self.step_cost)
+            return found
+
+    _, certificate, log = optimize_with_ladder(
+        lambda **options: Watched(t, **options),
+        case.move(mp),
+        lambda points: pt.certify(mp.with_shared_points(points)),
+        source=t.coordinates,
+        boundary=t.boundary_points,
+        budget=Budget(work),
+    )
+    assert not certificate.injective
+    assert spent[0] > 0
+    assert sum(spent[1:]) <= work
+    assert (len(spent) > 1) == (work > 0)
+    assert log[-1] == "stopped by the budget of Newton steps: what would be tried next seldom helps"
 
 
 @pytest.mark.parametrize("continuity", ["c0", "c1"])
 def test_uniform_refinement_is_needed_by_some_boundary(continuity):
-    """A swirled strip of Bézier patches, which are too stiff: the fit is good, the inside folds on every rung."""
-    mp = strip(5, 2, 1)
-    f = targets.swirl(mp, (0.5559415, 0.80298034), -500 * 0.6875, 0.5666576758324919)
-    target, landmarks = given_boundary(mp, f)
+    mp, target, landmarks = hopeless()
     with pytest.raises(pt.NotCertifiedError) as failure:
         pt.transfer(mp, target, landmarks, continuity)
     assert failure.value.result.boundary_error < 1e-3

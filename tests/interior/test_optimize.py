@@ -19,6 +19,7 @@ from patchtransfer import MultiPatch, Patch, certify
 from patchtransfer.errors import InputError
 from patchtransfer.geometry.basis import collocation_matrix
 from patchtransfer.interior.optimizer import AREA_WEIGHT, SplineOptimizer, degenerate_corners, optimize_with_ladder
+from shapes import mirrored
 
 NAMES = ["grid p2", "plate with hole p2", "o-grid p3", "star of valence 5, p3", "l-shape p3"]
 
@@ -218,7 +219,7 @@ def test_handedness_of_patches_does_not_matter(name):
     mp, x = problem(name)
     plain = MultiPatch(
         [
-            Patch(p.knots, p.degrees, p.control_points) if s > 0 else _mirrored(p)
+            Patch(p.knots, p.degrees, p.control_points) if s > 0 else mirrored(p)
             for p, s in zip(mp.patches, mp.topology.orientation, strict=True)
         ]
     )
@@ -230,10 +231,6 @@ def test_handedness_of_patches_does_not_matter(name):
     # The energy is flat at its minimum, so it agrees better than the points.
     assert b.energy == pytest.approx(a.energy, rel=1e-10)
     assert cKDTree(a.points).query(b.points)[0].max() < 1e-5 * mp.diameter
-
-
-def _mirrored(p: Patch) -> Patch:
-    return Patch(p.knots[::-1], p.degrees[::-1], p.control_points.swapaxes(0, 1))
 
 
 # --- null spaces ----------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import os
 import re
 import time
 from pathlib import Path
@@ -14,13 +13,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import patchtransfer as pt
+import real
 from patchtransfer import Boundary, BSplineCurve, InputError, Interface, MultiPatch, Patch, Side
 from patchtransfer.io import gismo
 from patchtransfer.io.loops import chain, clamp
 from strategies import boundaries, curves, multipatches, patches
 
-MODELS = os.environ.get("PATCHTRANSFER_MODELS")
-needs_models = pytest.mark.skipif(not MODELS, reason="PATCHTRANSFER_MODELS is not set")
 quick = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
@@ -97,10 +95,10 @@ def test_touching_patches_stay_apart_if_the_file_says_so():
     assert gismo.read_multipatch(gismo.format_multipatch(mp).encode()).interfaces == ()
 
 
-@needs_models
+@real.needed
 @pytest.mark.parametrize(("name", "counts"), [("yeti", (21, 24, 5)), ("turtle", (15, 22, 1)), ("disc", (5, 8, 1))])
 def test_real_models_are_read_fast_and_written_back(tmp_path, name, counts):
-    path = Path(MODELS) / f"{name}.xml"
+    path = real.path(name)
     mp = pt.read(path)
     assert (len(mp), len(mp.interfaces), len(mp.loops)) == counts
     pt.write(mp, tmp_path / "out.xml")

@@ -11,57 +11,7 @@ from hypothesis import strategies as st
 import patchtransfer as pt
 import targets
 from patchtransfer import Side, check_continuity, examples
-
-LINEAR = [0, 0, 1, 1]
-
-
-def quad(a, b, c, d) -> pt.Patch:
-    """Bilinear patch with corners (0,0), (1,0), (1,1), (0,1) at a, b, c, d."""
-    return pt.Patch((LINEAR, LINEAR), (1, 1), [[a, d], [b, c]])
-
-
-def bicubic(seed: int, size: float = 0.08, weights: bool = False) -> pt.Patch:
-    rng = np.random.default_rng(seed)
-    knots = np.r_[[0.0] * 4, 0.25, 0.6, [1.0] * 4]
-    greville = np.array([knots[i + 1 : i + 4].mean() for i in range(6)])
-    points = np.stack(np.meshgrid(greville, greville, indexing="ij"), axis=2)
-    points = points + size * rng.uniform(-1, 1, points.shape)
-    return pt.Patch((knots, knots), (3, 3), points, rng.uniform(0.7, 1.4, (6, 6)) if weights else None)
-
-
-def cut(patch: pt.Patch, axis: int, at: float) -> list[pt.Patch]:
-    """The two halves of a patch at a knot raised to full multiplicity."""
-    p = patch.degrees[axis]
-    knots = patch.knots[axis]
-    patch = patch.insert_knots(axis, [at] * (p - np.count_nonzero(knots == at)))
-    knots = patch.knots[axis]
-    first = int(np.searchsorted(knots, at))
-    halves = []
-    for part, new in (
-        (slice(None, first), np.append(knots[: first + p], at)),
-        (slice(first - 1, None), np.insert(knots[first:], 0, at)),
-    ):
-        index = (part, slice(None)) if axis == 0 else (slice(None), part)
-        all_knots = (new, patch.knots[1]) if axis == 0 else (patch.knots[0], new)
-        weights = None if patch.weights is None else patch.weights[index]
-        halves.append(pt.Patch(all_knots, patch.degrees, patch.control_points[index], weights))
-    return halves
-
-
-def turned(patch: pt.Patch, flips: int) -> pt.Patch:
-    """The same surface with u and/or v reversed and/or exchanged, and the knots moved and stretched."""
-    c, w = patch.control_points, patch.weights
-    knots, degrees = list(patch.knots), patch.degrees
-    for axis in (0, 1):
-        if flips >> axis & 1:
-            c = np.flip(c, axis)
-            w = None if w is None else np.flip(w, axis)
-            knots[axis] = (knots[axis][0] + knots[axis][-1]) - knots[axis][::-1]
-    if flips & 4:
-        c, w = c.swapaxes(0, 1), None if w is None else w.T
-        knots, degrees = knots[::-1], degrees[::-1]
-    return pt.Patch([2.5 * k - 1 for k in knots] if flips & 8 else knots, degrees, c, w)
-
+from shapes import bicubic, cut, quad, reparameterized
 
 flips = st.integers(0, 15)
 
@@ -69,7 +19,7 @@ flips = st.integers(0, 15)
 @given(seed=st.integers(0, 10**6), turns=st.tuples(*[st.integers(0, 7)] * 4), at=st.sampled_from([0.25, 0.5]))
 def test_a_split_patch_is_c1_whatever_the_handedness(seed, turns, at):
     quarters = [q for half in cut(bicubic(seed), 0, at) for q in cut(half, 1, 0.4)]
-    mp = pt.MultiPatch([turned(q, k) for q, k in zip(quarters, turns, strict=True)])
+    mp = pt.MultiPatch([reparameterized(q, k) for q, k in zip(quarters, turns, strict=True)])
     r = check_continuity(mp)
     assert len(mp.interfaces) == 4
     assert r.c0_gap < 1e-15
@@ -121,7 +71,7 @@ def test_known_kink_angle(angle, stretch, turns):
     d = stretch * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
     left = quad([-1, 0], [0, 0], [0, 1], [-1, 1])
     right = quad([0, 0], d, [d[0], d[1] + 1], [0, 1])
-    r = check_continuity(pt.MultiPatch([turned(left, turns[0]), turned(right, turns[1])]))
+    r = check_continuity(pt.MultiPatch([reparameterized(left, turns[0]), reparameterized(right, turns[1])]))
     assert r.kink_deg.max == pytest.approx(abs(angle), abs=1e-5)
     assert r.kink_deg.mean == pytest.approx(abs(angle), abs=1e-5)
     # Two affine patches are analysis-suitable G1 in spite of the kink.
@@ -175,7 +125,7 @@ def test_weights_that_differ_open_a_gap():
 @given(seed=st.integers(0, 10**6), turns=st.tuples(flips, flips))
 def test_rational_split_has_no_kink(seed, turns):
     halves = cut(bicubic(seed, weights=True), 0, 0.5)
-    r = check_continuity(pt.MultiPatch([turned(h, k) for h, k in zip(halves, turns, strict=True)]))
+    r = check_continuity(pt.MultiPatch([reparameterized(h, k) for h, k in zip(halves, turns, strict=True)]))
     assert r.kink_deg.max < 1e-4
     assert r.c1_residual_all < 1e-13
     assert r.as_g1_residual < 1e-13
@@ -196,7 +146,7 @@ def star(valence: int, seed: int) -> list[pt.Patch]:
 )
 def test_bilinear_patches_are_analysis_suitable(valence, seed, turns):
     patches = star(valence, seed)
-    mp = pt.MultiPatch([turned(p.elevate(2), k) for p, k in zip(patches, turns, strict=False)])
+    mp = pt.MultiPatch([reparameterized(p.elevate(2), k) for p, k in zip(patches, turns, strict=False)])
     r = check_continuity(mp)
     assert r.as_g1_residual < 1e-13
     assert all(f.gluing_positive for f in r.interfaces)

@@ -16,6 +16,7 @@ import patchtransfer as pt
 from patchtransfer import _core
 from patchtransfer.geometry.basis import span_basis
 from patchtransfer.measure.quality import quality, sample
+from shapes import identity, mirrored
 
 KNOTS = [0, 0, 0, 0.3, 1, 1, 1]
 C0_KNOTS = [0, 0, 0, 0.5, 0.5, 1, 1, 1]
@@ -24,16 +25,9 @@ C0_KNOTS = [0, 0, 0, 0.5, 0.5, 1, 1, 1]
 def wobbly(seed: int, knots=(KNOTS, C0_KNOTS), size: float = 0.12, weights: bool = False) -> pt.Patch:
     """A unit square of degree 2, its control points moved at random."""
     rng = np.random.default_rng(seed)
-    greville = [np.array([np.mean(k[i + 1 : i + 3]) for i in range(len(k) - 3)]) for k in knots]
-    points = np.stack(np.meshgrid(*greville, indexing="ij"), axis=2)
+    points = identity(knots, (2, 2))
     points = points + size * rng.uniform(-1, 1, points.shape)
     return pt.Patch(knots, (2, 2), points, rng.uniform(0.5, 2, points.shape[:2]) if weights else None)
-
-
-def mirrored(patch: pt.Patch) -> pt.Patch:
-    """The same patch with u and v exchanged: left-handed if it was right-handed."""
-    weights = None if patch.weights is None else patch.weights.T
-    return pt.Patch(patch.knots[::-1], patch.degrees[::-1], patch.control_points.swapaxes(0, 1), weights)
 
 
 def by_hand(patch: pt.Patch, samples: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,11 +1,9 @@
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import real
 from patchtransfer import InputError, MultiPatch, Patch, _core
 from patchtransfer.mesh.background_mesh import TriangleMesh, source_mesh, target_mesh
 
@@ -162,13 +160,13 @@ def test_control_point_on_the_polygon_is_reported():
     assert "lies on the polygon edge" in warnings[0]
 
 
-@pytest.mark.skipif("PATCHTRANSFER_MODELS" not in os.environ, reason="needs the real models")
+@real.needed
 @pytest.mark.parametrize("name", ["disc", "turtle", "yeti"])
 def test_real_models(name):
     io = pytest.importorskip("patchtransfer.io")
     if not hasattr(io, "read"):
         pytest.skip("the readers are not part of this build")
-    topology = io.read(Path(os.environ["PATCHTRANSFER_MODELS"]) / f"{name}.xml").topology
+    topology = real.model(name).topology
     mesh, warnings = source_mesh(topology)
     assert (mesh.areas() > 0).all()
     assert set(mesh.triangles.ravel()) == set(range(topology.n_points))

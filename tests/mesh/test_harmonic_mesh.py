@@ -10,8 +10,7 @@ from scipy.sparse.linalg import spsolve
 from patchtransfer import InputError
 from patchtransfer.mesh.background_mesh import TriangleMesh, target_mesh
 from patchtransfer.mesh.harmonic import mesh_harmonic_map
-
-SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+from shapes import SQUARE
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ import models
 import patchtransfer as pt
 import strategies
 import targets
+from commands import run
 from patchtransfer import InputError, MultiPatch, NotCertifiedError, Patch, examples
 from patchtransfer.cli import main
 from patchtransfer.mesh.background_mesh import source_mesh
@@ -197,10 +198,6 @@ def test_rational_models_are_interpolated():
 
 
 # --- command line and animations ------------------------------------------------------------------
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 @pytest.fixture

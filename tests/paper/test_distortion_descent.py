@@ -7,8 +7,7 @@ from patchtransfer import InputError
 from patchtransfer.mesh.background_mesh import TriangleMesh, target_mesh
 from patchtransfer.mesh.harmonic import mesh_harmonic_map
 from patchtransfer.paper.distortion_descent import minimise_distortion
-
-SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+from shapes import SQUARE
 
 
 def image(p):

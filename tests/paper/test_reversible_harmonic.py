@@ -11,8 +11,8 @@ from patchtransfer import InputError, _core
 from patchtransfer.mesh.background_mesh import TriangleMesh, target_mesh
 from patchtransfer.mesh.harmonic import mesh_harmonic_map
 from patchtransfer.paper.reversible_harmonic import _Descent, barycentric_map, reverse_boundary, reversible_harmonic_map
+from shapes import SQUARE
 
-SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 HOLE = 0.5 + 0.2 * np.array([[1, 0], [0, -1], [-1, 0], [0, 1]])
 
 

@@ -14,8 +14,8 @@ import pytest
 import models
 import patchtransfer as pt
 import targets
+from failing import eight
 from patchtransfer import InfeasibleTargetError, NotCertifiedError
-from test_transfer import eight, same_points
 
 METHODS = [m for m in ("fork", "spawn") if m in multiprocessing.get_all_start_methods()]
 
@@ -29,6 +29,10 @@ def family(request):
     return plan, given, list(plan.map(given))
 
 
+def same_points(a: pt.TransferResult, b: pt.TransferResult) -> bool:
+    return a.multipatch == b.multipatch and a.certificate == b.certificate and a.log == b.log
+
+
 def equal(there, here) -> bool:
     """To the bit, with all that was measured."""
     return len(there) == len(here) and all(
@@ -37,6 +41,15 @@ def equal(there, here) -> bool:
         == (b.quality, b.continuity, b.boundary_error, b.warnings)
         for a, b in zip(there, here, strict=True)
     )
+
+
+def test_a_plan_gives_what_transfer_gives():
+    mp = models.plate_with_hole(2, 2)
+    plan, made = pt.TransferPlan(mp), [targets.deformed(mp, targets.bend(mp, d), same_cuts=True)[0] for d in (-20, 10)]
+    for target in made:
+        assert same_points(plan.transfer(target), pt.transfer(mp, target))
+    # Also the second time, and after others.
+    assert same_points(plan.transfer(made[0]), pt.transfer(mp, made[0]))
 
 
 def test_plans_are_picklable_and_map_in_order(family):

@@ -12,6 +12,18 @@ from hypothesis import strategies as st
 import models
 import patchtransfer as pt
 import targets
+from failing import (
+    SHEET,
+    SLOT,
+    disconnected_source,
+    eight,
+    folded_source,
+    moved_hole,
+    notched,
+    plate,
+    rational_source,
+    reentrant,
+)
 from patchtransfer import (
     Boundary,
     BSplineCurve,
@@ -22,13 +34,11 @@ from patchtransfer import (
 )
 from patchtransfer.geometry.outline import Outline, hausdorff
 from patchtransfer.interior import solver
-from strategies import knot_vectors, turned
-from test_outline import polygon
-from test_splines import circle
+from shapes import SQUARE, circle, polygon, turned
+from strategies import knot_vectors
 
 MODELS = os.environ.get("PATCHTRANSFER_MODELS")
 needs_models = pytest.mark.skipif(not MODELS, reason="PATCHTRANSFER_MODELS is not set")
-SQUARE = [[0.0, 0], [1, 0], [1, 1], [0, 1]]
 
 
 def same_structure(result: pt.MultiPatch, source: pt.MultiPatch) -> None:
@@ -180,47 +190,7 @@ def test_progress_is_reported():
         pt.transfer(mp, target, landmarks, progress=interrupt)
 
 
-# --- plans ----------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def family():
-    mp = models.plate_with_hole(2, 2)
-    made = [targets.deformed(mp, targets.bend(mp, d), same_cuts=True)[0] for d in (-20, 10, 20)]
-    return mp, pt.TransferPlan(mp), made
-
-
-def same_points(a: pt.TransferResult, b: pt.TransferResult) -> bool:
-    return a.multipatch == b.multipatch and a.certificate == b.certificate and a.log == b.log
-
-
-def test_a_plan_gives_what_transfer_gives(family):
-    mp, plan, made = family
-    for target in made[:2]:
-        assert same_points(plan.transfer(target), pt.transfer(mp, target))
-    # Also the second time, and after others.
-    assert same_points(plan.transfer(made[0]), pt.transfer(mp, made[0]))
-
-
 # --- refusals -------------------------------------------------------------------------------------
-
-
-def folded_source() -> pt.MultiPatch:
-    mp = models.grid(2, 1, 2, 1, seed=None)
-    points = [p.control_points.copy() for p in mp.patches]
-    points[1][1, 1] = [-3, -3]
-    return mp.with_control_points(points)
-
-
-def rational_source() -> pt.MultiPatch:
-    mp = models.grid(2, 1, 2, 1)
-    a, b = mp.patches
-    return pt.MultiPatch([a, pt.Patch(b.knots, b.degrees, b.control_points, np.ones(b.shape))])
-
-
-def disconnected_source() -> pt.MultiPatch:
-    a = models.grid(1, 1)
-    return pt.MultiPatch([*a.patches, a.patches[0].with_control_points(a.patches[0].control_points + 5)])
 
 
 @pytest.mark.parametrize(
@@ -257,24 +227,6 @@ def test_bad_options_are_refused(options, message):
         pt.transfer(mp, mp.boundary(), **options)
 
 
-def plate() -> pt.MultiPatch:
-    return models.plate_with_hole(2, 2)
-
-
-def moved_hole(shift) -> Boundary:
-    outer, hole = plate().boundary().loops
-    return Boundary([outer, [BSplineCurve(c.knots, c.degree, c.control_points + shift) for c in hole]])
-
-
-def reentrant() -> Boundary:
-    """An arrowhead: its fourth corner, which one patch has to fill, has 270 degrees."""
-    return Boundary([polygon([[0, 0], [2, 0.5], [0.5, 0.5], [0.5, 2]])])
-
-
-def eight() -> Boundary:
-    return Boundary([polygon([[0, 0], [1, 1], [1, 0], [0, 1.2]])])
-
-
 @pytest.mark.parametrize(
     ("source", "target", "landmarks", "message"),
     [
@@ -300,19 +252,6 @@ def test_a_reentrant_corner_of_several_patches_is_feasible():
     mp = models.l_shape()
     target, landmarks = targets.deformed(mp, targets.similarity(5, 1))
     assert pt.transfer(mp, target, landmarks).certificate.injective
-
-
-SHEET = [[0.0, 0], [2, 0], [2, 1], [0, 1]]
-
-
-#: Sides of three quadratic spans cannot follow it without crossing.
-SLOT = [[1.9, 1], [1.9, 0.05], [0.5, 0.05], [0.5, 1]]
-
-
-def notched(*notch, spans: int = 1) -> tuple[pt.MultiPatch, Boundary, np.ndarray]:
-    """A sheet with few quadratic spans a side, and the sheet with a notch in its upper side."""
-    mp = models.build([models.bilinear(*SHEET)], 2, spans, None)
-    return mp, Boundary([polygon([*SHEET[:3], *notch, SHEET[3]])]), np.hstack([SHEET, SHEET])
 
 
 def test_a_fit_too_coarse_is_not_called_infeasible():

@@ -16,25 +16,15 @@ import patchtransfer as pt
 from patchtransfer.geometry.patch import Patch
 from patchtransfer.proof.certificate import check_boundary
 from patchtransfer.proof.source_corners import straighten_source
+from shapes import identity, quad
 
 BEZIER = {p: [0.0] * (p + 1) + [1.0] * (p + 1) for p in (1, 2, 3)}
-BILINEAR = (BEZIER[1], BEZIER[1])
-
-
-def quad(a, b, c, d):
-    """Bilinear patch, corners counter-clockwise."""
-    return Patch(BILINEAR, (1, 1), [[a, d], [b, c]])
-
-
-def greville(knots, p):
-    return np.array([np.mean(knots[i + 1 : i + p + 1]) for i in range(len(knots) - p - 1)])
 
 
 def square(p=2, inner=(0.5,), bump=None):
     """Identity of the unit square, control points moved by `bump`."""
     knots = [0.0] * (p + 1) + list(inner) + [1.0] * (p + 1)
-    g = greville(knots, p)
-    points = np.stack(np.meshgrid(g, g, indexing="ij"), -1)
+    points = identity((knots, knots), (p, p))
     return Patch((knots, knots), (p, p), points if bump is None else points + bump)
 
 

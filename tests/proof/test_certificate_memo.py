@@ -16,18 +16,14 @@ from patchtransfer import BSplineCurve, MultiPatch, Patch
 from patchtransfer.geometry.topology import Topology
 from patchtransfer.proof import certificate
 from patchtransfer.proof.certificate import _check_boundary, _Loops, certify, check_boundary
+from shapes import LINE, SQUARE, polygon
 
-LINE = [0.0, 0.0, 1.0, 1.0]
 QUADRATIC = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
-
-
-def polygon(*corners) -> list[BSplineCurve]:
-    return [BSplineCurve(LINE, 1, [a, b]) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
 
 
 def square(tip=(1.0, 1.0)) -> list[BSplineCurve]:
     """Crosses itself when the tip is beyond the opposite corner."""
-    return polygon((0.0, 0.0), (1.0, 0.0), tip, (0.0, 1.0))
+    return polygon([(0.0, 0.0), (1.0, 0.0), tip, (0.0, 1.0)])
 
 
 def chains(loops) -> _Loops:
@@ -88,7 +84,7 @@ def test_arrays_changed_in_place_are_other_loops(proofs):
 
 def variants() -> list[list[list[BSplineCurve]]]:
     """Loops that hold the same numbers, or nearly, in other places."""
-    a, b = square(), polygon((3.0, 0.0), (4.0, 0.0), (4.0, 1.0), (3.0, 1.0))
+    a, b = square(), polygon(np.add(SQUARE, [3.0, 0.0]))
     straight = BSplineCurve(QUADRATIC, 2, [[1, 0], [1, 0.5], [1, 1]])
     weighted = BSplineCurve(QUADRATIC, 2, [[1, 0], [1, 0.5], [1, 1]], [1.0, 1.0, 1.0])
     heavier = BSplineCurve(QUADRATIC, 2, [[1, 0], [1, 0.5], [1, 1]], [1.0, 2.0, 1.0])

@@ -19,6 +19,7 @@ from exact_loops import examine_loops
 from exact_model import Disagreement, disagreements, opinion, reproducer
 from limited import LimitedCertify
 from patchtransfer import BSplineCurve, Certificate, InputError, Interface, MultiPatch, Patch, Side
+from shapes import LINE, polygon
 
 #: About a minute of processor time.
 MODELS = int(os.environ.get("PATCHTRANSFER_EXACT", "4000"))
@@ -27,7 +28,6 @@ BROKEN = 3
 #: Disagreements printed with their models.
 SHOWN = 3
 
-LINE = [0.0, 0.0, 1.0, 1.0]
 SQUARE = np.array([[[0, 0], [0, 1]], [[1, 0], [1, 1.0]]])
 
 
@@ -118,11 +118,6 @@ def quad(points) -> Patch:
     return Patch((LINE, LINE), (1, 1), points)
 
 
-def polygon(*points) -> list[BSplineCurve]:
-    ring = np.array(points, float)
-    return [BSplineCurve(LINE, 1, [a, b]) for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True)]
-
-
 def moved_corner(x: float) -> np.ndarray:
     points = SQUARE.copy()
     points[0, 0] = x
@@ -163,28 +158,28 @@ def test_minimum_between_dyadic_points_is_found():
 
 
 def test_opinion_on_polygons():
-    square = polygon((0, 0), (1, 0), (1, 1), (0, 1))
+    square = polygon([(0, 0), (1, 0), (1, 1), (0, 1)])
     assert examine_loops([square]).simple is True
-    assert examine_loops([polygon((0, 0), (0, 1), (1, 1), (1, 0))]).simple is False
-    assert examine_loops([polygon((0, 0), (1, 1), (1, 0), (0, 1))]).simple is False
+    assert examine_loops([polygon([(0, 0), (0, 1), (1, 1), (1, 0)])]).simple is False
+    assert examine_loops([polygon([(0, 0), (1, 1), (1, 0), (0, 1)])]).simple is False
     last = np.nextafter(1, 2)
-    assert examine_loops([square, polygon((1, 0.5), (2, 0), (2, 1))]).simple is False
-    assert examine_loops([square, polygon((last, 0.5), (2, 0), (2, 1))]).simple is True
+    assert examine_loops([square, polygon([(1, 0.5), (2, 0), (2, 1)])]).simple is False
+    assert examine_loops([square, polygon([(last, 0.5), (2, 0), (2, 1)])]).simple is True
     # A hole runs clockwise, and so does nothing else.
-    assert examine_loops([square, polygon((0.5, 0.2), (0.2, 0.5), (0.5, 0.5))]).simple is True
-    assert examine_loops([square, polygon((0.5, 0.2), (0.5, 0.5), (0.2, 0.5))]).simple is False
+    assert examine_loops([square, polygon([(0.5, 0.2), (0.2, 0.5), (0.5, 0.5)])]).simple is True
+    assert examine_loops([square, polygon([(0.5, 0.2), (0.5, 0.5), (0.2, 0.5)])]).simple is False
     # A spike of no width, and one of the smallest.
-    assert examine_loops([polygon((0, 0), (2, 0), (1, 0), (1, 1))]).simple is False
-    assert examine_loops([polygon((0, 0), (2, 0), (1, 5e-324), (1, 1))]).simple is True
+    assert examine_loops([polygon([(0, 0), (2, 0), (1, 0), (1, 1)])]).simple is False
+    assert examine_loops([polygon([(0, 0), (2, 0), (1, 5e-324), (1, 1)])]).simple is True
 
 
 def test_opinion_on_parabolas():
     knots = [0.0, 0, 0, 1, 1, 1]
 
     def cap(height):
-        return [BSplineCurve(knots, 2, [[0, 0], [1, height], [2, 0]]), *polygon((2, 0), (1, 9), (0, 0))[:2]]
+        return [BSplineCurve(knots, 2, [[0, 0], [1, height], [2, 0]]), *polygon([(2, 0), (1, 9), (0, 0)])[:2]]
 
-    roof = polygon((-1, -3), (3, -3), (1, -1.0))
+    roof = polygon([(-1, -3), (3, -3), (1, -1.0)])
     # The parabola's lowest point is half as low as its middle control point.
     assert examine_loops([cap(-1.99), roof]).simple is True
     assert examine_loops([cap(-2.01), roof]).simple is False

@@ -13,15 +13,9 @@ from hypothesis import strategies as st
 import models
 import patchtransfer as pt
 from patchtransfer.proof.feasibility import check_corners, check_loops, corner_report
+from shapes import LINE, polygon
 
-LINE = [0, 0, 1, 1]
 CUBIC = [0, 0, 0, 0, 1, 1, 1, 1]
-
-
-def polygon(points):
-    points = [tuple(map(float, p)) for p in points]
-    pairs = zip(points, points[1:] + points[:1], strict=True)
-    return [pt.BSplineCurve(LINE, 1, [a, b]) for a, b in pairs]
 
 
 def box(x, y, size):

@@ -15,6 +15,7 @@ import patchtransfer as pt
 from patchtransfer.geometry.patch import Patch
 from patchtransfer.geometry.straight_corners import Triangles, straighten
 from patchtransfer.proof.source_corners import certify_straight
+from shapes import circle
 
 BEZIER = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
 LINE = [0.0, 0.0, 1.0, 1.0]
@@ -99,19 +100,12 @@ def test_straight_corners_of_results_are_never_negative(angle):
     quarter = np.exp(1j * (angle + np.pi / 2 * np.arange(4)))
     images = np.column_stack([quarter.real, quarter.imag])
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
-    result = pt.transfer(square, circle(), np.hstack([corners, images]))
+    result = pt.transfer(square, pt.Boundary([[circle()]]), np.hstack([corners, images]))
     assert result.certificate.status == "degenerate"
     patch = result.multipatch.patches[0].control_points
     for i, j in ((0, 0), (-1, 0), (0, -1), (-1, -1)):
         row = np.stack([patch[i, j], patch[1 if i == 0 else -2, j], patch[i, 1 if j == 0 else -2]])
         assert area(row, (0, 1, 2)) * (1 if i == j else -1) >= 0
-
-
-def circle():
-    w = math.sqrt(0.5)
-    points = [[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0]]
-    knots = [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4]
-    return pt.Boundary([[pt.BSplineCurve(knots, 2, points, [1, w, 1, w, 1, w, 1, w, 1])]])
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e6, 1e8, 1e13])

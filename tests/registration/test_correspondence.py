@@ -1,22 +1,18 @@
 """Correspondence by shape, without landmarks and between them, on shapes whose true correspondence is known."""
 
-import os
-
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import models
+import real
 import targets
-from patchtransfer import Boundary, BSplineCurve, examples, read, transfer
+from patchtransfer import Boundary, BSplineCurve, examples, transfer
 from patchtransfer.registration.register import register
-from test_outline import polygon
-from test_registration import SQUARE, loop, quick
-from test_splines import circle
+from shapes import SQUARE, circle, loop, polygon
 
-MODELS = os.environ.get("PATCHTRANSFER_MODELS")
-models_only = pytest.mark.skipif(not MODELS, reason="PATCHTRANSFER_MODELS is not set")
+quick = settings(max_examples=10, deadline=None)
 
 
 def correspondence_error(registration, target, truth) -> float:
@@ -53,11 +49,11 @@ def test_a_turned_ear_is_matched_without_landmarks(degrees):
     assert correspondence_error(register(mp.boundary().loops, target), target, truth) < 0.01
 
 
-@models_only
+@real.needed
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("name", ["yeti", "turtle"])
 def test_real_models_are_matched_without_landmarks(name, shape):
-    mp = read(f"{MODELS}/{name}.xml")
+    mp = real.model(name)
     target, truth = targets.deformed(mp, SHAPES[shape](mp), seed=5)
     assert correspondence_error(register(mp.boundary().loops, target), target, truth) < 0.02
 
@@ -86,7 +82,7 @@ def test_landmarks_found_can_be_given_back():
 
 def test_the_runner_up_of_a_symmetric_outline_is_as_good():
     """A square fits in four ways; given as landmarks, the runner-up is what comes out."""
-    source, target = [polygon(SQUARE)], loop(2.0 * np.array(SQUARE))
+    source, target = [polygon(SQUARE)], loop(2.0 * SQUARE)
     registration = register(source, target)
     (best,) = registration.loops
     assert registration.runner_up.score == pytest.approx(best.score, abs=1e-6)
@@ -191,12 +187,12 @@ def across(mp, degrees, direction):
     return f
 
 
-@models_only
+@real.needed
 @pytest.mark.parametrize("direction", [0, 50, 170])
 @pytest.mark.parametrize("degrees", [-60, 60])
 def test_a_bend_across_stretches_one_side_and_compresses_the_other(degrees, direction):
     """By half each; distances change with it, but the map is smooth. The outline alone fits better turned by half."""
-    mp = read(f"{MODELS}/yeti.xml")
+    mp = real.model("yeti")
     target, truth = targets.deformed(mp, across(mp, degrees, direction), seed=4)
     assert correspondence_error(register(mp.boundary().loops, target), target, truth) < 0.015
 

@@ -10,15 +10,9 @@ import targets
 from patchtransfer import Boundary, BSplineCurve, InfeasibleTargetError, InputError
 from patchtransfer.geometry.outline import Outline
 from patchtransfer.registration.register import register
-from test_outline import polygon
-from test_splines import circle
+from shapes import SQUARE, circle, loop, polygon
 
 quick = settings(max_examples=10, deadline=None)
-SQUARE = [[0.0, 0], [1, 0], [1, 1], [0, 1]]
-
-
-def loop(corners) -> Boundary:
-    return Boundary([polygon(corners)])
 
 
 def worst(registration, f) -> float:
@@ -186,7 +180,7 @@ def test_numbers_of_loops_must_agree():
 
 def test_source_loops_with_the_domain_on_their_right_are_refused():
     """Their target is turned over, and with it every point but two."""
-    outer, hole = polygon(np.array(SQUARE) * 4 - 1.5), polygon(SQUARE)
+    outer, hole = polygon(SQUARE * 4 - 1.5), polygon(SQUARE)
     target = Boundary([outer, hole])
     with pytest.raises(InputError, match=r"source boundary: loop 1 has the domain on its right"):
         register([outer, hole], target)

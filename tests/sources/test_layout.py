@@ -14,28 +14,16 @@ import models
 import patchtransfer as pt
 from patchtransfer.cli import main
 from patchtransfer.sources.layout import rectangles
+from shapes import circle, loop
 
 # Three quads around an interior vertex: a hexagon.
 HEXAGON = np.array([[0, 0], *[[np.cos(a), np.sin(a)] for a in np.arange(6) * np.pi / 3]])
 THREE = [[0, 1, 2, 3], [0, 3, 4, 5], [0, 5, 6, 1]]
 
 
-def circle() -> pt.Boundary:
-    """Unit circle as one closed NURBS curve."""
-    w = np.sqrt(0.5)
-    points = [[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1], [1, 0]]
-    knots = [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4]
-    return pt.Boundary([[pt.BSplineCurve(knots, 2, points, [1, w] * 4 + [1])]])
-
-
-def polygon(*points) -> pt.Boundary:
-    n = len(points)
-    return pt.Boundary([[pt.BSplineCurve([0, 0, 1, 1], 1, [points[i], points[(i + 1) % n]]) for i in range(n)]])
-
-
 def test_a_disc_of_three_patches():
     """Every patch fills a third; by symmetry the centre stays, and the smooth boundary allows 180 degrees only."""
-    result = pt.from_layout(HEXAGON, THREE, circle(), degree=3, spans=3)
+    result = pt.from_layout(HEXAGON, THREE, pt.Boundary([[circle()]]), degree=3, spans=3)
     assert result.certificate.injective
     assert result.boundary_error < 1e-4
     assert [v.valence for v in result.multipatch.vertices if v.extraordinary] == [3]
@@ -46,7 +34,7 @@ def test_a_disc_of_three_patches():
 @pytest.mark.parametrize("degree", [1, 2, 4])
 def test_patches_are_the_quads_in_order(degree):
     vertices, quads = [[0, 0], [2, 0], [2, 1], [0, 1], [1, 0], [1, 1]], [[0, 4, 5, 3], [4, 1, 2, 5]]
-    result = pt.from_layout(vertices, quads, polygon([0, 0], [2, 0], [2, 1], [0, 1]), degree, spans=2)
+    result = pt.from_layout(vertices, quads, loop([[0, 0], [2, 0], [2, 1], [0, 1]]), degree, spans=2)
     assert [p.degrees for p in result.multipatch.patches] == [(degree, degree)] * 2
     for patch, quad in zip(result.multipatch.patches, quads, strict=True):
         np.testing.assert_allclose(patch(0, 0), vertices[quad[0]], atol=1e-9)
@@ -128,11 +116,11 @@ def test_bad_layouts_are_refused(vertices, quads, message):
 def test_vertices_off_the_boundary_and_corners_inside_edges_are_refused():
     square = [[0, 0], [1, 0], [1, 1], [0, 1]]
     with pytest.raises(pt.InputError, match=r"vertex 2 at \(1, 1\) is 0.1 off the boundary"):
-        pt.from_layout(square, [[0, 1, 2, 3]], polygon([0, 0], [1, 0], [1, 0.9], [0, 0.9]))
+        pt.from_layout(square, [[0, 1, 2, 3]], loop([[0, 0], [1, 0], [1, 0.9], [0, 0.9]]))
     with pytest.raises(pt.InputError, match=r"corner at \(0.5, -0.2\) inside the layout edge \(0, 1\)"):
-        pt.from_layout(square, [[0, 1, 2, 3]], polygon([0, 0], [0.5, -0.2], [1, 0], [1, 1], [0, 1]))
+        pt.from_layout(square, [[0, 1, 2, 3]], loop([[0, 0], [0.5, -0.2], [1, 0], [1, 1], [0, 1]]))
     # Assigned explicitly, a far vertex is no error.
-    target = polygon([0, 0], [1, 0], [1.5, 1.5], [0, 1])
+    target = loop([[0, 0], [1, 0], [1.5, 1.5], [0, 1]])
     result = pt.from_layout(square, [[0, 1, 2, 3]], target, 2, assignment={2: (1.5, 1.5)})
     np.testing.assert_allclose(result.multipatch.patches[0](1, 1), [1.5, 1.5])
     with pytest.raises(pt.InputError, match="assignment names vertex 7"):

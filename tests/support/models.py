@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from patchtransfer import MultiPatch, Patch
-from patchtransfer.geometry.basis import collocation_matrix
-from strategies import turned
+from patchtransfer.geometry.basis import collocation_matrix, greville
+from shapes import turned
 
 #: (u, v) in [0, 1]² to the plane, arrays in, (..., 2) out.
 Map = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -16,10 +16,6 @@ Map = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 def uniform_knots(degree: int, spans: int) -> np.ndarray:
     return np.concatenate([np.zeros(degree), np.linspace(0, 1, spans + 1), np.ones(degree)])
-
-
-def greville(knots, degree: int) -> np.ndarray:
-    return np.array([np.mean(knots[i + 1 : i + degree + 1]) for i in range(len(knots) - degree - 1)])
 
 
 def interpolated(f: Map, degree: int, spans: int) -> Patch:
@@ -140,6 +136,38 @@ def l_shape(degree: int = 2, spans: int = 2, seed: int | None = 1) -> MultiPatch
     return build([after(f, wave) for f in maps], degree, spans, seed)
 
 
+def strip(patches: int, degree: int, spans: int) -> MultiPatch:
+    """Unit squares in a row."""
+    cells = [bilinear((a, 0), (a + 1, 0), (a + 1, 1), (a, 1)) for a in range(patches)]
+    return build(cells, degree, spans, None)
+
+
+def ring_of_two_layers(patches: int = 5) -> MultiPatch:
+    """Two concentric rings of patches: a chord that closes, with regular vertices only."""
+
+    def sector(k: int, layer: int) -> Map:
+        def f(u, v):
+            angle, radius = 2 * np.pi * (k + u) / patches, 1 + 0.5 * (layer + v)
+            return np.stack([1.2 * radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+
+        return f
+
+    return build([after(sector(k, i), wave) for k in range(patches) for i in (0, 1)], 3, 2)
+
+
+def jiggled(mp: MultiPatch, seed: int, size: float = 0.02) -> MultiPatch:
+    """All interior points moved at random: no smoothness is left."""
+    points = mp.topology.coordinates.copy()
+    interior = mp.topology.interior_points
+    points[interior] += size * mp.diameter * np.random.default_rng(seed).uniform(-1, 1, (len(interior), 2))
+    return mp.with_shared_points(points)
+
+
+def with_freedom(mp: MultiPatch) -> MultiPatch:
+    """Degree 3, inner knots of C1."""
+    return (mp.elevate(3 - mp.patches[0].degrees[0]) if mp.patches[0].degrees[0] < 3 else mp).reduce_continuity(1)
+
+
 #: Every model by name, in degrees 2 and 3 with several knot spans.
 ALL: dict[str, Callable[[], MultiPatch]] = {
     "grid p2": lambda: grid(2, 2, 2, 3),
@@ -152,4 +180,15 @@ ALL: dict[str, Callable[[], MultiPatch]] = {
     "star of valence 5, p3": lambda: star(5, 3, 2),
     "l-shape p2": lambda: l_shape(2, 3),
     "l-shape p3": lambda: l_shape(3, 2),
+}
+
+#: Models whose knots leave exact G1 rows some freedom, by name.
+SPACES: dict[str, Callable[[], MultiPatch]] = {
+    name: (lambda make=make: with_freedom(make())) for name, make in ALL.items()
+} | {
+    "closed chord": lambda: with_freedom(ring_of_two_layers()),
+    "nine cells": lambda: with_freedom(grid(3, 3, 3, 2)),
+    "star of valence 6": lambda: with_freedom(star(6, 3, 2)),
+    "quartic, C2": lambda: grid(3, 2, 3, 3).elevate(1).reduce_continuity(2),
+    "quartic, one span": lambda: o_grid(3, 1).elevate(1),
 }

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from patchtransfer import Interface, MultiPatch, Patch, Side
+from shapes import identity
 
 Rng = np.random.Generator
 Place = Callable[[np.ndarray], np.ndarray]
@@ -50,20 +51,11 @@ def close_knots(rng: Rng, degree: int) -> list[float]:
     return knots if degree > 1 or rng.random() < 0.5 else knots[:2]
 
 
-def greville(knots: Sequence[float], degree: int) -> np.ndarray:
-    return np.array([np.mean(knots[i + 1 : i + degree + 1]) for i in range(len(knots) - degree - 1)])
-
-
-def grid(knots: Sequence[Sequence[float]], degrees: Sequence[int]) -> np.ndarray:
-    """Control points of the identity of the unit square."""
-    return np.stack(np.meshgrid(*(greville(k, p) for k, p in zip(knots, degrees, strict=True)), indexing="ij"), -1)
-
-
 def bent(rng: Rng, most: int = 4, rational: bool = False, knots: Callable = inner_knots) -> Patch:
     """A unit square with random degrees, knots and a moderate bend, mostly injective."""
     degrees = tuple(int(p) for p in rng.integers(1, most + 1, 2))
     vectors = tuple(clamped(knots(rng, p), p) for p in degrees)
-    points = grid(vectors, degrees)
+    points = identity(vectors, degrees)
     a, b = rng.uniform(-0.2, 0.2, 2)
     points = points + np.stack([a * points[..., 1] ** 2, b * points[..., 0] ** 2], -1)
     points += rng.uniform(-0.04, 0.04, points.shape) / max(degrees)
@@ -169,7 +161,7 @@ def rational(rng: Rng, probe: Probe) -> None:
 def knots_close_by(rng: Rng, probe: Probe) -> None:
     patch = bent(rng, 3, knots=close_knots)
     probe.check(MultiPatch([patch], ()))
-    points = placed(rng)(grid(patch.knots, patch.degrees))
+    points = placed(rng)(identity(patch.knots, patch.degrees))
     probe.check(MultiPatch([patch.with_control_points(points)], ()))
 
 
@@ -177,7 +169,7 @@ def straight_corners(rng: Rng, probe: Probe) -> None:
     """A quad with a corner of 180 degrees, to the bit or nearly, of any degree."""
     p = int(rng.integers(1, 4))
     knots = clamped([], p)
-    points = grid((knots, knots), (p, p))
+    points = identity((knots, knots), (p, p))
     bend = points[..., 0] * points[..., 1]
     # The first corner comes to lie on the diagonal between its neighbours.
     points = points + 0.5 * ((1 - points[..., 0]) * (1 - points[..., 1]))[..., None] + 0.1 * bend[..., None]
@@ -289,7 +281,7 @@ def unequal_sides(rng: Rng, probe: Probe) -> None:
     left = bent(rng, 3)
     p = left.degrees[1]
     other = clamped(inner_knots(rng, 2, 1), 2)
-    points = grid((other, left.knots[1]), (2, p))
+    points = identity((other, left.knots[1]), (2, p))
     edge = left.control_points[-1]
     points = points * rng.choice([0.3, 1.0]) + (edge - points[0])[None]
     points[0] = edge

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 import targets
 from patchtransfer import Boundary, BSplineCurve, InputError, MultiPatch, Patch, QuadLayout
-from patchtransfer.geometry.basis import reverse_knots
+from patchtransfer.geometry.basis import greville
+from shapes import turned
 
 #: Awkward but harmless numbers: long decimals, tiny and large magnitudes.
 coordinates = st.floats(-1e6, 1e6, allow_nan=False)
@@ -50,20 +51,6 @@ def patches(draw, rational=None, max_degree=3):
     return Patch((u, v), (p, q), draw(arrays((*shape, 2))), draw(arrays(shape, weights)) if rational else None)
 
 
-def turned(patch: Patch, transpose: bool, flip_u: bool, flip_v: bool) -> Patch:
-    """The same geometry with other parameter directions."""
-    knots, degrees, points, w = list(patch.knots), list(patch.degrees), patch.control_points, patch.weights
-    for axis, flip in enumerate((flip_u, flip_v)):
-        if flip:
-            knots[axis] = reverse_knots(knots[axis])
-            points = np.flip(points, axis)
-            w = None if w is None else np.flip(w, axis)
-    if transpose:
-        knots, degrees, points = knots[::-1], degrees[::-1], points.swapaxes(0, 1)
-        w = None if w is None else w.T
-    return Patch(knots, degrees, points, w)
-
-
 @st.composite
 def multipatches(draw, rational=None, max_side=2):
     """Valid (injective) grids of 1 to 4 bent patches, whose parameter directions are turned at random.
@@ -76,12 +63,12 @@ def multipatches(draw, rational=None, max_side=2):
     spans = draw(st.integers(1, 3))
     knots = np.concatenate([np.zeros(p), np.linspace(0, 1, spans + 1), np.ones(p)])
     n = len(knots) - p - 1
-    greville = np.array([knots[i + 1 : i + p + 1].mean() for i in range(n)])
+    nodes = greville(knots, p)
     bend = draw(st.floats(-0.3, 0.3))
     made = []
     for a in range(columns):
         for b in range(rows):
-            x, y = np.meshgrid(a + greville, b + greville, indexing="ij")
+            x, y = np.meshgrid(a + nodes, b + nodes, indexing="ij")
             points = np.stack([x + bend * y**2 / (1 + rows), y + bend * x / (1 + columns)], axis=2)
             w = None
             if draw(st.booleans()) if rational is None else rational:
@@ -246,5 +233,4 @@ __all__ = [
     "multipatches",
     "outline",
     "patches",
-    "turned",
 ]

@@ -161,7 +161,7 @@ def deformed(
             # Next to a corner a cut leaves too few samples for a curve.
             cuts = sorted(corners + [c for c in random if all(abs(c - d) > 10 for d in corners)])
         curves = [
-            _through(points[np.arange(a, b + 1) % n], degree)
+            through(points[np.arange(a, b + 1) % n], degree)
             for a, b in zip(cuts, [*cuts[1:], cuts[0] + n], strict=True)
         ]
         turn = int(rng.integers(len(curves)))
@@ -170,7 +170,15 @@ def deformed(
     return Boundary([loops[k] for k in rng.permutation(len(loops))]), np.array(landmarks)
 
 
-def _through(points: np.ndarray, degree: int) -> BSplineCurve:
+def given_boundary(mp: MultiPatch, f: Deformation) -> tuple[Boundary, np.ndarray]:
+    """The target that the source's knots can represent exactly, with a landmark at every joint."""
+    moved = mp.with_shared_points(f(mp.topology.coordinates))
+    pairs = [(side.curve(mp.patches), side.curve(moved.patches)) for loop in mp.topology.loops for side in loop]
+    loops = [[side.curve(moved.patches) for side in loop] for loop in mp.topology.loops]
+    return Boundary(loops), np.array([[*a.start, *b.start] for a, b in pairs])
+
+
+def through(points: np.ndarray, degree: int) -> BSplineCurve:
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     spline = make_interp_spline(length / length[-1], points, k=degree)
     # The interpolant meets its end points up to rounding only.
