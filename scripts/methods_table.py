@@ -15,7 +15,7 @@ import patchtransfer as pt
 from patchtransfer import MultiPatch, TransferPlan, TransferResult, examples
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests" / "support"))
 import targets  # noqa: E402  (deformations with known correspondence)
 
 DEFORMATIONS: dict[str, Callable[[MultiPatch], targets.Deformation]] = {

@@ -27,7 +27,7 @@ from rich.progress import track
 import patchtransfer as pt
 from patchtransfer import examples
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 import targets
 
 #: Files of the models directory (environment variable PATCHTRANSFER_MODELS) that take part if they are there.
