@@ -97,7 +97,7 @@ def check_interfaces(patches: Sequence[Patch], interfaces: Sequence[Interface]) 
     largest, rounding = _tolerances([points])
     used: set[tuple[int, Side]] = set()
     for f in interfaces:
-        name = f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
+        name = f"interface {f.name}"
         for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b)):
             if not 0 <= k < len(patches):
                 raise InputError(f"{name}: there is no patch {k}")

@@ -54,3 +54,8 @@ class Interface:
     patch_b: int
     side_b: Side
     reversed: bool
+
+    @property
+    def name(self) -> str:
+        """The two sides, as messages name them: "patch 0 east - patch 1 west"."""
+        return f"patch {self.patch_a} {self.side_a.name.lower()} - patch {self.patch_b} {self.side_b.name.lower()}"

@@ -180,8 +180,8 @@ def gluing_of(mp: MultiPatch, f: Interface) -> Gluing:
         x[5] -= (system[..., 5] * known * w[:, None]).sum() / (system[..., 5] ** 2 * w[:, None]).sum()
     if not x[:4].min() > 0:
         raise InputError(
-            f"{name_of(f)}: the patches do not lie on different sides of it, or their cross derivatives vanish; C¹ "
-            "fields need a regular model"
+            f"interface {f.name}: the patches do not lie on different sides of it, or their cross derivatives vanish; "
+            "C¹ fields need a regular model"
         )
     # Back from scaled vectors, and of unit size.
     x = x / np.repeat(scales, [2, 2, 3])
@@ -195,11 +195,6 @@ def _between_frames(geometry: _Geometry, scales: list[float]) -> FloatArray:
     factor = 2 / (alpha + beta)
     alpha, beta, gamma = alpha * factor, beta * factor, gamma * factor
     return np.array([*alpha, *beta, gamma[0], 0.0, gamma[1]])
-
-
-def name_of(f: Interface) -> str:
-    """Name of an interface for messages."""
-    return f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
 
 
 def c1_rows(space: SplineSpace, gluing: Gluing) -> csr_array:

@@ -114,10 +114,7 @@ class ActiveRows:
 
 
 def _names(mp: MultiPatch, interfaces: Collection[int]) -> str:
-    names = [
-        f"patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
-        for f in (mp.interfaces[i] for i in interfaces)
-    ]
+    names = [mp.interfaces[i].name for i in interfaces]
     return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 

@@ -32,7 +32,7 @@ from ..errors import InputError
 from ..geometry.curve import BSplineCurve
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
-from .welding import Welded, in_own_knots, interface_name, weld
+from .welding import Welded, in_own_knots, weld
 
 if TYPE_CHECKING:
     from .._core import CurveTuple
@@ -332,7 +332,7 @@ def _gluing(welded: Welded, positive: Sequence[bool]) -> list[tuple[str, str]]:
         if i in folded_over:
             kind = "folded" if positive[f.patch_a] and positive[f.patch_b] else "undecided"
             text = "the patches lie on the same side of it, one folds back on the other"
-            findings.append((kind, f"interface {interface_name(f)}: {text}"))
+            findings.append((kind, f"interface {f.name}: {text}"))
         a, b = patches[f.patch_a].weights, patches[f.patch_b].weights
         weight_gap = 0.0
         if a is not None and b is not None:
@@ -344,11 +344,9 @@ def _gluing(welded: Welded, positive: Sequence[bool]) -> list[tuple[str, str]]:
                     f"{what} of the two sides differ by {size:.3g}; take one side's numbers for both (a MultiPatch "
                     "rewritten by patchtransfer has bit-equal interfaces)"
                 )
-                findings.append(("undecided", f"interface {interface_name(f)}: {text}"))
+                findings.append(("undecided", f"interface {f.name}: {text}"))
         if (a is None) != (b is None):
-            findings.append(
-                ("undecided", f"interface {interface_name(f)}: only one side has weights; make both rational")
-            )
+            findings.append(("undecided", f"interface {f.name}: only one side has weights; make both rational"))
     return findings
 
 

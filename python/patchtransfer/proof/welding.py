@@ -18,7 +18,7 @@ from ..geometry.sides import Interface
 from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray
 
-__all__ = ["Welded", "in_own_knots", "interface_name", "weld"]
+__all__ = ["Welded", "in_own_knots", "weld"]
 
 #: Interface control points may differ by this many units of the largest coordinate's roundoff.
 WELD_ULPS = 8.0
@@ -63,11 +63,6 @@ def weld(multipatch: MultiPatch) -> Welded:
     return Welded(welded, patches, point_gaps, common.gaps, notes + common.notes)
 
 
-def interface_name(f: Interface) -> str:
-    """The two sides, as messages name them."""
-    return f"patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
-
-
 def _weld_points(multipatch: MultiPatch) -> tuple[MultiPatch, list[float], list[str]]:
     gaps = _point_gaps(multipatch)
     if multipatch.is_rational or not any(gaps):
@@ -76,8 +71,7 @@ def _weld_points(multipatch: MultiPatch) -> tuple[MultiPatch, list[float], list[
     if max(gaps) > WELD_ULPS * EPS * float(np.abs(points).max()):
         return multipatch, gaps, []
     notes = [
-        f"interface {interface_name(f)}: the two sides differ by rounding ({gap:.2g}); the outcome is for their "
-        "common mean"
+        f"interface {f.name}: the two sides differ by rounding ({gap:.2g}); the outcome is for their common mean"
         for f, gap in zip(multipatch.interfaces, gaps, strict=True)
         if gap > 0.0
     ]
@@ -121,7 +115,7 @@ def _common_knots(topology: Topology) -> _CommonKnots:
         return _CommonKnots(None, gaps, [])
     more = f" and {len(found) - 1} more" if len(found) > 1 else ""
     note = (
-        f"interface {interface_name(topology.interfaces[min(found)])}{more}: the knots of the two sides differ by "
+        f"interface {topology.interfaces[min(found)].name}{more}: the knots of the two sides differ by "
         f"rounding ({largest:.2g}); the outcome is for one side's knots on both"
     )
     return _CommonKnots(knots, gaps, [note])
