@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..numeric.arrays import FloatArray, IntArray
 from .basis import reverse_knots
 from .patch import Patch
-from .sides import Interface, Side
+from .sides import CORNERS, Interface, Side
 
 __all__ = ["check_interfaces", "infer_interfaces"]
 
@@ -33,8 +33,6 @@ ROUNDING_ULPS = 16.0
 NEAREST = 16
 #: Patch corners that are looked at around the end of a side: more than meet in any point of a valid model.
 NEAREST_CORNERS = 64
-
-CORNERS = ((0, 0), (-1, 0), (0, -1), (-1, -1))
 
 
 class _Sides(NamedTuple):

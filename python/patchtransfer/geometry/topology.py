@@ -22,14 +22,11 @@ from ..numeric.arrays import FloatArray, IntArray
 from .areas import SideGroup, enclosed_areas, group_sides, numbered, signed_areas
 from .curve import BSplineCurve
 from .patch import Patch
-from .sides import Interface, Side
+from .sides import CORNERS, Interface, Side
 
 __all__ = ["BoundarySide", "Spoke", "Topology", "Vertex"]
 
 T = TypeVar("T")
-
-CORNERS = ((0, 0), (-1, 0), (0, -1), (-1, -1))
-"""Patch corners as indices into the control points."""
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,8 @@ from ..geometry.curve import BSplineCurve
 from ..geometry.multipatch import MultiPatch
 from ..geometry.outline import Outline
 from ..geometry.patch import Patch
+from ..geometry.sides import CORNERS
 from ..geometry.straight_corners import corner_triangles, straighten
-from ..geometry.topology import CORNERS
 from ..interior.solver import CONTINUITY, InteriorSolver
 from ..measure.continuity import check_continuity
 from ..measure.quality import quality
