@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from ..geometry.areas import numbered
 from ..geometry.basis import end_rate, span_basis
+from ..geometry.combinatorics import Quantity
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.sides import Side
-from ..geometry.topology import Vertex
+from ..geometry.topology import Topology, Vertex
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.dense import product, svd
 from .best_gluing import OF_VECTOR, factors, nearest_to_one
@@ -75,24 +76,16 @@ class Measured:
     end_residuals: FloatArray
 
 
-def interface_layout(mp: MultiPatch) -> InterfaceLayout:
-    """Grouping of the interfaces: kept with the topology, for it is the same for all control points."""
-    kept = mp.topology.kept
-    if "continuity layout" not in kept:
-        kept["continuity layout"] = _new_layout(mp)
-    layout: InterfaceLayout = kept["continuity layout"]
-    return layout
-
-
-def _new_layout(mp: MultiPatch) -> InterfaceLayout:
-    topology = mp.topology
+@Quantity
+def interface_layout(topology: Topology) -> InterfaceLayout:
+    """Grouping of the interfaces."""
     vertices = {vertex.point: vertex for vertex in topology.vertices}
-    entries = numbered([patch.shape for patch in mp.patches])
+    entries = numbered([patch.shape for patch in topology.patches])
     members: dict[tuple[bytes, int, bool], list[int]] = defaultdict(list)
     spokes: dict[int, list[tuple[int, int]]] = defaultdict(list)
     rows, scales, kept, domains = [], [], [], []
-    for i, f in enumerate(mp.interfaces):
-        a, b = mp.patches[f.patch_a], mp.patches[f.patch_b]
+    for i, f in enumerate(topology.interfaces):
+        a, b = topology.patches[f.patch_a], topology.patches[f.patch_b]
         knots = a.knots[f.side_a.axis]
         domains.append(knots[[0, -1]])
         knots = (knots - knots[0]) / (knots[-1] - knots[0])

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..geometry.combinatorics import Quantity
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.sides import Interface
@@ -53,7 +54,7 @@ class Welded(NamedTuple):
 def weld(multipatch: MultiPatch) -> Welded:
     """Take common control points and knots for the two sides of interfaces that differ by rounding only."""
     welded, point_gaps, notes = _weld_points(multipatch)
-    common = welded.topology.kept_for("common knots", _common_knots)
+    common = _common_knots(welded.topology)
     patches = welded.patches
     if common.knots is not None:
         patches = tuple(
@@ -88,6 +89,7 @@ def _point_gaps(multipatch: MultiPatch) -> list[float]:
     return gaps
 
 
+@Quantity
 def _common_knots(topology: Topology) -> _CommonKnots:
     """Knots of one patch for all of the strip that they run across, where those differ by rounding."""
     gaps = list(topology.knot_gaps)
