@@ -30,8 +30,8 @@ from ..measure.continuity import check_continuity
 from ..measure.quality import quality
 from ..numeric.arrays import FloatArray
 from ..progress import Budget, Clock, Progress
-from ..proof.certificate import Certificate, check_boundary
-from ..proof.feasibility import check_corners, check_loops, check_target_corners
+from ..proof.certificate import BoundaryReport, Certificate, check_boundary
+from ..proof.feasibility import check_corners, check_loops, check_report, check_target_corners
 from ..proof.source_corners import certify_straight
 from ..registration.register import Registration, register
 from .failures import FITTED, TARGET, no_fit, no_proof, not_certified
@@ -287,16 +287,18 @@ class TransferPlan:
         if start.shape != (topology.n_points, 2) or not np.isfinite(start).all():
             raise InputError(f"refill: expected finite points of shape {(topology.n_points, 2)}, got {start.shape}")
         curves = self._boundary(start)
-        check_loops(curves, "boundary")
+        known = check_boundary(curves)
+        check_report(known, "boundary")
         corners = check_corners(curves, self._single, "boundary")
         degenerate = [self._corner_of(c.loop, c.joint) for c in corners if c.kind == "degenerate"]
         start, _ = straighten(start, corner_triangles(topology, degenerate))
         budget = Budget.of_source(self._interior.step_cost)
-        report = check_boundary(self._boundary(start))
+        report = check_boundary(self._boundary(start), known)
         if report.simple:
-            found = self._interior.certified(start, degenerate, progress, Clock(), budget)
+            found = self._interior.certified(start, degenerate, progress, Clock(), budget, report)
         else:
-            found = self._interior.unproved(start, degenerate, progress, Clock(), budget, no_proof(report))
+            failure = no_proof(report)
+            found = self._interior.unproved(start, degenerate, progress, Clock(), budget, failure, report)
         return Refilled(self.source.with_shared_points(found.points), found.certificate, tuple(found.log))
 
     def _register(self, target: Boundary, landmarks: ArrayLike | None, method: str, clock: Clock) -> Registration:
@@ -385,7 +387,7 @@ class TransferPlan:
     ) -> TransferResult:
         """From the fitted boundary to the result, with the source's knots."""
         with clock("feasibility"):
-            corner_bound, degenerate, failure = self._check_fit(fitted)
+            corner_bound, degenerate, failure, known = self._check_fit(fitted)
             if failure is not None:
                 failure = no_fit(registration, failure)
             warnings = [
@@ -394,9 +396,9 @@ class TransferPlan:
             ]
             start = self._with_boundary(fitted)
         if failure is not None:
-            found = self._interior.harmonic(start, clock, failure)
+            found = self._interior.harmonic(start, clock, failure, known)
         elif method == "paper":
-            found = self._interior.paper(start, clock, budget)
+            found = self._interior.paper(start, clock, budget, known)
         else:
             slides = []
             if movable is not None and any(mask.any() for mask in movable):
@@ -410,12 +412,12 @@ class TransferPlan:
                         f"joints slid in {len(slid.energies) - 1} rounds: energy {slid.energies[0]:.4f} -> "
                         f"{slid.energies[-1]:.4f}"
                     ]
-            report = check_boundary(self._boundary(start))
+            report = check_boundary(self._boundary(start), known)
             if report.simple:
-                found = self._interior.certified(start, degenerate, progress, clock, budget)
+                found = self._interior.certified(start, degenerate, progress, clock, budget, report)
             else:
                 failure = no_proof(report, registration)
-                found = self._interior.unproved(start, degenerate, progress, clock, budget, failure)
+                found = self._interior.unproved(start, degenerate, progress, clock, budget, failure, report)
             found.log[:0] = slides
         warnings += found.notes
         if budget.expired() or found.log[-1:] == [budget.reason()]:
@@ -451,19 +453,20 @@ class TransferPlan:
             paper_history=found.history,
         )
 
-    def _check_fit(self, fitted: FittedBoundary) -> tuple[float, list[tuple[int, int]], str | None]:
+    def _check_fit(self, fitted: FittedBoundary) -> tuple[float, list[tuple[int, int]], str | None, BoundaryReport]:
         """Loops and corners of the fit: upper bound of the scaled Jacobian, degenerate corners, and what is wrong.
 
         The target passed these checks, so a failure is the fit's: the source's knots are too coarse for it.
         """
         curves = [[side.curve for side in sides] for sides in fitted.loops]
+        report = check_boundary(curves)
         try:
-            check_loops(curves, FITTED)
+            check_report(report, FITTED)
             corners = check_corners(curves, self._single, FITTED)
         except InfeasibleTargetError as error:
-            return -1.0, [], f"(fit error {fitted.error:.1e} of the diameter): {error}"
+            return -1.0, [], f"(fit error {fitted.error:.1e} of the diameter): {error}", report
         degenerate = [self._corner_of(corner.loop, corner.joint) for corner in corners if corner.kind == "degenerate"]
-        return min((corner.bound for corner in corners), default=1.0), degenerate, None
+        return min((corner.bound for corner in corners), default=1.0), degenerate, None, report
 
     def _corner_of(self, loop: int, joint: int) -> tuple[int, int]:
         """(patch, corner) that a joint filled by a single patch belongs to."""
@@ -502,7 +505,7 @@ class TransferPlan:
 
         def refit(moved: Registration) -> FittedBoundary | None:
             trial = fit_boundary(moved, self._single, tolerance=tolerance)
-            _, corners, failure = self._check_fit(trial)
+            _, corners, failure, _ = self._check_fit(trial)
             return trial if failure is None and corners == list(degenerate) else None
 
         return slide_joints(
