@@ -171,10 +171,9 @@ def doubt(monkeypatch):
     """The optimiser proves all feasible sample targets, so results (not sources) are made doubtful here."""
     real = InteriorSolver.certify
 
-    def doubtful(self, points, clock):
-        return replace(
-            real(self, points, clock), injective=False, status="undecided", reasons=("patch 0 is undecided",)
-        )
+    def doubtful(self, *arguments, **options):
+        found = real(self, *arguments, **options)
+        return replace(found, injective=False, status="undecided", reasons=("patch 0 is undecided",))
 
     monkeypatch.setattr(InteriorSolver, "certify", doubtful)
 

@@ -1,10 +1,8 @@
-"""What certificates remember: proofs of boundary loops, and how far the knots along interfaces are apart."""
+"""What certificates are told: proofs of boundary loops, and how far the knots along interfaces are apart."""
 
 from __future__ import annotations
 
-import random
-import threading
-from concurrent.futures import ThreadPoolExecutor
+import pickle
 
 import numpy as np
 import pytest
@@ -14,8 +12,9 @@ import patchtransfer as pt
 import targets
 from patchtransfer import BSplineCurve, MultiPatch, Patch
 from patchtransfer.geometry.topology import Topology
+from patchtransfer.interior.solver import InteriorSolver
 from patchtransfer.proof import certificate
-from patchtransfer.proof.certificate import _check_boundary, _Loops, certify, check_boundary
+from patchtransfer.proof.certificate import certify, check_boundary
 from shapes import LINE, SQUARE, polygon
 
 QUADRATIC = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
@@ -26,13 +25,9 @@ def square(tip=(1.0, 1.0)) -> list[BSplineCurve]:
     return polygon([(0.0, 0.0), (1.0, 0.0), tip, (0.0, 1.0)])
 
 
-def chains(loops) -> _Loops:
-    return _Loops([[(c.knots, c.degree, c.control_points, c.weights) for c in loop] for loop in loops])
-
-
 @pytest.fixture(autouse=True)
 def proofs(monkeypatch):
-    """The core's proofs that are really made, on an empty memo."""
+    """The core's proofs that are really made."""
     made = []
     original = certificate.certify_loops
 
@@ -41,44 +36,44 @@ def proofs(monkeypatch):
         return original(loops)
 
     monkeypatch.setattr(certificate, "certify_loops", counted)
-    _check_boundary.cache_clear()
-    yield made
-    _check_boundary.cache_clear()
+    return made
 
 
-def test_the_same_loops_are_proved_once(proofs):
+def test_known_loops_are_not_proved_again(proofs):
     first = check_boundary([square()])
-    again = check_boundary([square()])  # other objects, equal to the bit
-    assert first == again
+    assert check_boundary([square()], first) is first  # other objects, equal to the bit
     assert first.simple
     assert len(proofs) == 1
+    check_boundary([square()])
+    assert len(proofs) == 2
 
 
 @pytest.mark.parametrize("by", [1.0, 1e-9, np.spacing(1.0)])
 def test_changed_loops_are_proved_anew(proofs, by):
-    check_boundary([square()])
-    check_boundary([square((1.0, 1.0 + by))])
-    check_boundary([square((1.0 - by, 1.0))])
+    known = check_boundary([square()])
+    check_boundary([square((1.0, 1.0 + by))], known)
+    check_boundary([square((1.0 - by, 1.0))], known)
     assert len(proofs) == 3
 
 
-def test_a_crossing_is_seen_after_a_proof_of_its_neighbour():
-    assert check_boundary([square()]).simple is True
-    assert check_boundary([square((-1.0, -0.5))]).simple is False
-    assert check_boundary([square()]).simple is True
+def test_a_crossing_is_seen_with_the_proof_of_its_neighbour():
+    known = check_boundary([square()])
+    crossed = check_boundary([square((-1.0, -0.5))], known)
+    assert crossed.simple is False
+    assert check_boundary([square()], crossed).simple is True
 
 
 def test_arrays_changed_in_place_are_other_loops(proofs):
     points = np.array([[1.0, 0.0], [1.5, 0.5], [1.0, 1.0]])
     outline = square()
     outline[1] = BSplineCurve(QUADRATIC, 2, points)
-    assert check_boundary([outline]).simple is True
+    known = check_boundary([outline])
+    assert known.simple is True
     points[1] = [-2.0, 0.5]
     # The curve has numbers of its own; one from the changed array is another.
-    assert check_boundary([outline]).simple is True
-    assert len(proofs) == 1
+    assert check_boundary([outline], known) is known
     outline[1] = BSplineCurve(QUADRATIC, 2, points)
-    assert check_boundary([outline]).simple is False
+    assert check_boundary([outline], known).simple is False
     assert len(proofs) == 2
 
 
@@ -107,67 +102,51 @@ def variants() -> list[list[list[BSplineCurve]]]:
 
 
 def test_no_two_of_many_alike_are_confused():
-    keys = [chains(loops) for loops in variants()]
-    for i, a in enumerate(keys):
-        for j, b in enumerate(keys):
-            assert (a == b) == (i == j)
-    for loops, key in zip(variants(), keys, strict=True):
-        again = chains(loops)
-        assert again == key
-        assert hash(again) == hash(key)
-    assert keys[0] != "loops"
+    reports = [check_boundary(loops) for loops in variants()]
+    for i, known in enumerate(reports):
+        for j, loops in enumerate(variants()):
+            assert (check_boundary(loops, known) is known) == (i == j)
 
 
-def test_equal_hashes_are_not_enough(proofs):
-    good, bad = chains([square()]), chains([square((-1.0, -0.5))])
-    good._hash = bad._hash = 7
-    assert _check_boundary(good).simple is True
-    assert _check_boundary(bad).simple is False
-    assert _check_boundary(good).simple is True
+def test_a_report_that_was_sent_proves_nothing(proofs):
+    known = pickle.loads(pickle.dumps(check_boundary([square()])))
+    assert known == check_boundary([square()], known)
     assert len(proofs) == 2
 
 
-def test_the_memo_is_bounded(proofs):
-    for k in range(40):
-        check_boundary([square((1.0, 1.0 + k / 64))])
-    info = _check_boundary.cache_info()
-    assert info.currsize <= info.maxsize <= 32
-    assert len(proofs) == 40
-    # The oldest was dropped and is proved again.
-    check_boundary([square()])
-    assert len(proofs) == 41
+def test_a_transfer_proves_target_fit_and_start_only(proofs, monkeypatch):
+    """However many certificates it takes; they are those of a certificate that knows nothing."""
+    certificates = []
+    original = InteriorSolver.certify
 
+    def counted(solver, points, clock, boundary=None):
+        certificates.append(boundary)
+        return original(solver, points, clock, boundary)
 
-def test_threads_get_the_report_of_their_own_loops():
-    cases = [[square((1.0 + k / 64, 1.0))] for k in range(12)] + [[square((-1.0 - k / 64, -0.5))] for k in range(12)]
-    expected = [check_boundary(loops) for loops in cases]
-    assert {report.simple for report in expected} == {True, False}
-    _check_boundary.cache_clear()
-    barrier = threading.Barrier(4)
-
-    def work(seed):
-        order = list(range(len(cases))) * 20
-        random.Random(seed).shuffle(order)
-        barrier.wait()
-        return all(check_boundary(cases[i]) == expected[i] for i in order)
-
-    with ThreadPoolExecutor(4) as executor:
-        assert all(executor.map(work, range(4)))
-
-
-def test_certificates_and_transfers_remember_and_stay_the_same(proofs):
-    """A transfer asks about each boundary again and again; results are those of a memo that forgets everything."""
+    monkeypatch.setattr(InteriorSolver, "certify", counted)
     mp = models.plate_with_hole(2, 2)
     target, landmarks = targets.deformed(mp, targets.bend(mp, 40))
-    result = pt.transfer(mp, target, landmarks)
-    remembered = len(proofs)
+    plan = pt.TransferPlan(mp)
     proofs.clear()
-    again = pt.transfer(mp, target, landmarks)
-    assert again.multipatch == result.multipatch
-    assert again.certificate == result.certificate
-    assert len(proofs) < remembered
-    _check_boundary.cache_clear()
+    result = plan.transfer(target, landmarks)
+    assert len(proofs) <= 3
+    assert certificates
+    proofs.clear()
     assert certify(result.multipatch) == result.certificate
+    assert len(proofs) == 1
+    assert certify(result.multipatch, boundary=result.certificate.boundary) == result.certificate
+    assert len(proofs) == 1
+
+
+def test_a_proof_of_another_boundary_certifies_nothing(proofs):
+    mp = models.plate_with_hole(2, 2)
+    known = certify(mp).boundary
+    folded = np.array(mp.topology.coordinates)
+    a, b = mp.topology.boundary_points[[0, -1]]
+    folded[[a, b]] = folded[[b, a]]
+    given = certify(mp.with_shared_points(folded), boundary=known)
+    assert given.boundary.simple is False
+    assert given == certify(mp.with_shared_points(folded))
 
 
 # --- knots along interfaces -----------------------------------------------------------------------

@@ -47,7 +47,6 @@ __all__ = [
 ]
 
 NOT_CERTIFIED, BAD_INPUT, INTERRUPTED = 1, 2, 130
-SUFFIXES = {"model": (".xml", ".vtu"), "picture": (".png", ".svg", ".pdf"), "report": (".json", ".txt")}
 #: Letters of a message: names in files may be as long as the file.
 MAX_LINE = 2000
 #: Piped output has no width to respect.
@@ -226,13 +225,26 @@ def check_outputs(**outputs: str | None) -> None:
     for kind, path in outputs.items():
         if path is None or (kind == "report" and path == "-"):
             continue
-        if Path(path).suffix.lower() not in SUFFIXES[kind]:
-            raise InputError(f"{path}: unknown format for a {kind}; use {', '.join(SUFFIXES[kind])}")
+        if Path(path).suffix.lower() not in (known := _suffixes(kind)):
+            raise InputError(f"{path}: unknown format for a {kind}; use {', '.join(known)}")
         folder = Path(path).absolute().parent
         if not folder.is_dir():
             raise InputError(f"{path}: the folder {folder} does not exist; create it first")
         if not os.access(folder, os.W_OK) or Path(path).is_dir():
             raise InputError(f"{path}: cannot be written; choose another place or change the permissions")
+
+
+def _suffixes(kind: str) -> tuple[str, ...]:
+    """Suffixes of the files that an output can be written to: "model", "picture" or "report"."""
+    if kind == "picture":
+        # Pictures take time to load, and most commands make none.
+        from ..plot.figures import SUFFIXES
+
+        return SUFFIXES
+    from ..io import FORMATS
+
+    models = tuple(suffix for format_ in FORMATS if format_.write for suffix in format_.extensions)
+    return {"model": models, "report": (".json", ".txt")}[kind]
 
 
 def keep_inputs(inputs: Iterable[str | Path | None], outputs: Iterable[str | Path | None]) -> None:

@@ -69,7 +69,7 @@ def check_g1_space(mp: MultiPatch) -> None:
     two knot spans or more: otherwise the rows lock the map.
     """
     for f in mp.interfaces:
-        name = f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
+        name = f"interface {f.name}"
         patch, axis = mp.patches[f.patch_a], f.side_a.axis
         p = patch.degrees[axis]
         multiplicity = np.unique(patch.knots[axis][p + 1 : -p - 1], return_counts=True)[1]

@@ -12,12 +12,12 @@ from functools import cached_property
 
 import numpy as np
 
-from ..geometry.basis import collocation_matrix, knot_spans, reverse_knots, span_basis
+from ..geometry.basis import collocation_matrix, end_rate, knot_spans, reverse_knots, span_basis
 from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.dense import product
 
-__all__ = ["ControlRows", "chord_ratios", "control_rows"]
+__all__ = ["ControlRows", "chord_ratios", "control_rows", "frames"]
 
 #: Parameters per knot span at which speeds across interfaces are compared.
 SAMPLES = 5
@@ -89,21 +89,20 @@ class ControlRows:
         return np.concatenate([left, right, -left - right - gluing[:, 2:] * slope], axis=1)
 
     def end_gluing(self, points: FloatArray) -> FloatArray:
-        """Gluing data (2, 3) at both ends: rows (a, b, c) with a D_L + b D_R = c C' and a + b = 2.
-
-        a ~ det(D_R, C') and b ~ det(C', D_L) are positive unless the map is folded there.
-        """
-        found = []
-        for value, slope, _ in self.end_basis:
-            left, right, tangent = (v[0] for v in self.derivatives(points, value[None], slope[None]))
-            a, b = _cross(right, tangent), _cross(tangent, left)
-            a, b = 2 * a / (a + b), 2 * b / (a + b)
-            found.append((a, b, float((a * left + b * right) @ tangent / (tangent @ tangent))))
-        return np.array(found)
+        """Gluing data (2, 3) at both ends; see `frames`."""
+        value, slope = (np.array([basis[order] for basis in self.end_basis]) for order in (0, 1))
+        return frames(*self.derivatives(points, value, slope))
 
 
-def _cross(u: FloatArray, v: FloatArray) -> float:
-    return float(u[0] * v[1] - u[1] * v[0])
+def frames(left: FloatArray, right: FloatArray, tangent: FloatArray) -> FloatArray:
+    """Gluing data (m, 3) of single points: rows (a, b, c) with a D_L + b D_R = c C' and a + b = 2; vectors are (m, 2).
+
+    a ~ det(D_R, C') and b ~ det(C', D_L) are positive unless the map is folded there.
+    """
+    a, b = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0] for u, w in ((right, tangent), (tangent, left)))
+    a, b = 2 * a / (a + b), 2 * b / (a + b)
+    pull = a[:, None] * left + b[:, None] * right
+    return np.column_stack([a, b, (pull * tangent).sum(axis=1) / (tangent * tangent).sum(axis=1)])
 
 
 def control_rows(topology: Topology) -> tuple[ControlRows, ...]:
@@ -120,10 +119,8 @@ def control_rows(topology: Topology) -> tuple[ControlRows, ...]:
         scales, across = [], []
         for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b)):
             other, axis = topology.patches[k], 1 - side.axis
-            t, p = other.knots[axis], other.degrees[axis]
-            span = t[-1] - t[-p - 2] if side.at_end else t[p + 1] - t[0]
-            scales.append(p * float((t[-1] - t[0]) / span))
-            across.append(p)
+            scales.append(end_rate(other.knots[axis], other.degrees[axis], side.at_end))
+            across.append(other.degrees[axis])
         rows.append(
             ControlRows(
                 curve=run(f.side_a.of(topology.points[f.patch_a]), directed.reversed),

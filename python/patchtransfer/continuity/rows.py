@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 
 from ..geometry.topology import Spoke, Topology, Vertex
 from ..numeric.arrays import FloatArray, IntArray
-from .interfaces import ControlRows, chord_ratios
+from .interfaces import ControlRows, chord_ratios, frames
 
 __all__ = ["C1Rows", "ContinuityRows", "c1_rows"]
 
@@ -260,11 +260,8 @@ class _VertexRows:
         )
 
     def _frames(self, points: FloatArray) -> FloatArray:
-        """Gluing data (a, b, c) of a map at the ends, with a + b = 2; see `ControlRows.end_gluing`."""
+        """Gluing data (a, b, c) of a map at the ends."""
         x = points[self.points]
         left, right = (self.scales[:, k, None] * (x[:, 2 * k] - x[:, 4]) for k in (0, 1))
         tangent = (self.slope[:, :, None] * x[:, 4:]).sum(axis=1)
-        a, b = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0] for u, w in ((right, tangent), (tangent, left)))
-        a, b = 2 * a / (a + b), 2 * b / (a + b)
-        pull = a[:, None] * left + b[:, None] * right
-        return np.column_stack([a, b, (pull * tangent).sum(axis=1) / (tangent * tangent).sum(axis=1)])
+        return frames(left, right, tangent)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from .basis import collocation_matrix
 from .patch import Patch
 from .sides import Side
 
-__all__ = ["SideGroup", "enclosed_areas", "group_sides", "numbered", "polygon_area", "signed_areas"]
+__all__ = ["SideGroup", "enclosed_areas", "group_sides", "numbered", "polygon_area", "sides_around"]
 
 
 #: The sides of a right-handed patch counter-clockwise, and whether along or against their parameters.
@@ -88,18 +88,10 @@ def enclosed_areas(patches: Sequence[Patch], groups: Sequence[SideGroup], n: int
     return areas
 
 
-def signed_areas(patches: Sequence[Patch], kept: dict[str, Any] | None = None) -> FloatArray:
-    """Signed areas of patches.
-
-    For a rational patch its sides' control polygon is taken, whose area has the same sign unless the sides bend
-    strongly; the certificate checks the sign. `kept` is for what patches of the same shapes and knots have in common.
-    """
-    kept = {} if kept is None else kept
-    if "sides around patches" not in kept:
-        origins = [int(numbers[0, 0]) for numbers in numbered([patch.shape for patch in patches])]
-        sides = [(k, k, side, sign, origin) for k, origin in enumerate(origins) for side, sign in AROUND]
-        kept["sides around patches"] = group_sides(patches, sides)
-    return enclosed_areas(patches, kept["sides around patches"], len(patches))
+def sides_around(patches: Sequence[Patch]) -> list[SideGroup]:
+    """The sides of the patches counter-clockwise, owned by them: the same for patches of the same shapes and knots."""
+    origins = [int(numbers[0, 0]) for numbers in numbered([patch.shape for patch in patches])]
+    return group_sides(patches, [(k, k, side, sign, at) for k, at in enumerate(origins) for side, sign in AROUND])
 
 
 @lru_cache(maxsize=256)

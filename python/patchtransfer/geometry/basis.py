@@ -21,6 +21,7 @@ __all__ = [
     "check_weights",
     "collocation_matrix",
     "elevate",
+    "end_rate",
     "greville",
     "insert_knots",
     "knot_spans",
@@ -72,6 +73,15 @@ def knot_spans(knots: ArrayLike) -> FloatArray:
 def reverse_knots(knots: FloatArray) -> FloatArray:
     """Knot vector of the reversed curve, on the same domain."""
     return np.asarray((knots[0] + knots[-1]) - knots[::-1])
+
+
+def end_rate(knots: FloatArray, degree: int, at_end: bool) -> float:
+    """Degree by length of the first (or last) span: what a step to the next coefficient counts for in the derivative.
+
+    For parameters mapped to [0, 1], so that the speeds of patches with other domains are comparable.
+    """
+    span = knots[-1] - knots[-degree - 2] if at_end else knots[degree + 1] - knots[0]
+    return degree * float((knots[-1] - knots[0]) / span)
 
 
 def greville(knots: FloatArray, degree: int) -> FloatArray:

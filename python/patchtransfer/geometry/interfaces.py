@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..numeric.arrays import FloatArray, IntArray
 from .basis import reverse_knots
 from .patch import Patch
-from .sides import Interface, Side
+from .sides import CORNERS, Interface, Side
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -35,8 +35,6 @@ ROUNDING_ULPS = 16.0
 NEAREST = 16
 #: Patch corners that are looked at around the end of a side: more than meet in any point of a valid model.
 NEAREST_CORNERS = 64
-
-CORNERS = ((0, 0), (-1, 0), (0, -1), (-1, -1))
 
 
 class _Sides(NamedTuple):
@@ -99,7 +97,7 @@ def check_interfaces(patches: Sequence[Patch], interfaces: Sequence[Interface]) 
     largest, rounding = _tolerances([points])
     used: set[tuple[int, Side]] = set()
     for f in interfaces:
-        name = f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
+        name = f"interface {f.name}"
         for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b)):
             if not 0 <= k < len(patches):
                 raise InputError(f"{name}: there is no patch {k}")

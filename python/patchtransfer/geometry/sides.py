@@ -9,9 +9,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Interface", "Side"]
+__all__ = ["CORNERS", "Interface", "Side", "around_corner"]
 
 Number = TypeVar("Number", bound=np.generic)
+
+CORNERS = ((0, 0), (-1, 0), (0, -1), (-1, -1))
+"""Patch corners as indices into the control points."""
 
 
 class Side(IntEnum):
@@ -54,3 +57,14 @@ class Interface:
     patch_b: int
     side_b: Side
     reversed: bool
+
+    @property
+    def name(self) -> str:
+        """The two sides, as messages name them: "patch 0 east - patch 1 west"."""
+        return f"patch {self.patch_a} {self.side_a.name.lower()} - patch {self.patch_b} {self.side_b.name.lower()}"
+
+
+def around_corner(array: NDArray[Number], corner: int) -> NDArray[Number]:
+    """Entries (3, ...) of an (n_u, n_v, ...) array at a patch corner, 0 to 3, next to it along u, and along v."""
+    i, j = CORNERS[corner]
+    return np.stack([array[i, j], array[1 if i == 0 else -2, j], array[i, 1 if j == 0 else -2]])

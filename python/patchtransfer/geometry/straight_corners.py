@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numeric.arrays import FloatArray, IntArray
-from .topology import CORNERS, Topology
+from .sides import CORNERS, around_corner
+from .topology import Topology
 
 __all__ = ["Triangles", "corner_triangles", "straighten"]
 
@@ -25,7 +26,10 @@ ROUNDS = 8
 
 
 class Triangles(NamedTuple):
-    """Patch corners: `rows` (corner, neighbour, neighbour) of point numbers, counter-clockwise where `sense` is 1."""
+    """Patch corners: `rows` (corner, neighbour, neighbour) of point numbers, counter-clockwise where `sense` is 1.
+
+    The first neighbour lies along u, the second along v.
+    """
 
     rows: IntArray
     sense: IntArray
@@ -35,10 +39,9 @@ def corner_triangles(topology: Topology, corners: Iterable[tuple[int, int]]) -> 
     """Triangles of shared control points at patch corners (patch, corner)."""
     rows, sense = [], []
     for k, corner in corners:
+        rows.append(around_corner(topology.points[k], corner))
         i, j = CORNERS[corner]
-        points = topology.points[k]
-        rows.append([points[i, j], points[1 if i == 0 else -2, j], points[i, 1 if j == 0 else -2]])
-        sense.append(topology.orientation[k] * (1 if (i == 0) == (j == 0) else -1))
+        sense.append(topology.orientation[k] * (1 if i == j else -1))
     return Triangles(np.array(rows, np.int64).reshape(-1, 3), np.array(sense, np.int64))
 
 

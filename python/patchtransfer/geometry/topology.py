@@ -7,28 +7,23 @@ carries a sign, and "the domain on the left" of a boundary side is decided with 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
-from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from ..errors import InputError
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.components import components
-from .areas import SideGroup, enclosed_areas, group_sides, numbered, signed_areas
+from .areas import SideGroup, enclosed_areas, group_sides, numbered, sides_around
+from .combinatorics import Combinatorics, Quantity, oriented
 from .curve import BSplineCurve
 from .patch import Patch
-from .sides import Interface, Side
+from .sides import CORNERS, Interface, Side
 
 __all__ = ["BoundarySide", "Spoke", "Topology", "Vertex"]
-
-T = TypeVar("T")
-
-CORNERS = ((0, 0), (-1, 0), (0, -1), (-1, -1))
-"""Patch corners as indices into the control points."""
 
 
 @dataclass(frozen=True)
@@ -87,48 +82,6 @@ class Spoke:
     at_end: bool
 
 
-def identify(shapes: Sequence[tuple[int, int]], interfaces: Sequence[Interface]) -> tuple[list[IntArray], int]:
-    """Number the coefficients of patches of these shapes, glued ones once: an index array a patch, and how many."""
-    sizes = [m * n for m, n in shapes]
-    offsets = np.concatenate([[0], np.cumsum(sizes)])
-    raw = numbered(shapes)
-    first, second = [np.empty(0, int)], [np.empty(0, int)]
-    for f in interfaces:
-        first.append(f.side_a.of(raw[f.patch_a]))
-        along_b = f.side_b.of(raw[f.patch_b])
-        second.append(along_b[::-1] if f.reversed else along_b)
-    shared = components(int(offsets[-1]), np.concatenate(first), np.concatenate(second))
-    points = [shared[offsets[k] : offsets[k + 1]].reshape(shape) for k, shape in enumerate(shapes)]
-    return points, int(shared.max()) + 1
-
-
-class _Once(Generic[T]):
-    """Property that is found once for all topologies of the same shapes, knots and interfaces."""
-
-    def __init__(self, find: Callable[[Any], T], oriented: bool) -> None:
-        self.find, self.oriented = find, oriented
-        self.__doc__ = find.__doc__
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    def __get__(self, topology: Topology, owner: type) -> T:
-        if topology is None:
-            return self  # type: ignore[unreachable]
-        key = self.name + topology.orientation.astype(np.int8).tobytes().hex() if self.oriented else self.name
-        return topology.kept_for(key, self.find)
-
-
-def combinatorial(find: Callable[[Any], T]) -> _Once[T]:
-    """Property that depends on shapes, knots and interfaces alone."""
-    return _Once(find, False)
-
-
-def oriented(find: Callable[[Any], T]) -> _Once[T]:
-    """Property that depends on the patches' orientation besides."""
-    return _Once(find, True)
-
-
 class Topology:
     """Combinatorics of a multi-patch, computed once.
 
@@ -144,36 +97,30 @@ class Topology:
     loops : tuple of tuples of BoundarySide
         The outer loop first, the domain on the left.
     vertices : tuple of Vertex
-    kept : dict
-        What depends on shapes, knots and interfaces alone, of later stages too: one for all control points.
+    combinatorics : Combinatorics
+        What depends on shapes, knots and interfaces alone: one for all control points.
     """
 
-    def __init__(self, patches: tuple[Patch, ...], interfaces: tuple[Interface, ...]) -> None:
-        self.kept: dict[str, Any] = {}
+    def __init__(
+        self, patches: tuple[Patch, ...], interfaces: tuple[Interface, ...], known: Combinatorics | None = None
+    ) -> None:
         self.patches, self.interfaces = patches, interfaces
-        self.points, self.n_points = identify([p.shape for p in self.patches], self.interfaces)
-        self.orientation = np.where(signed_areas(self.patches, self.kept) >= 0, 1, -1)
-        glued = {(f.patch_a, f.side_a) for f in self.interfaces} | {(f.patch_b, f.side_b) for f in self.interfaces}
-        self.boundaries = tuple((k, s) for k in range(len(self.patches)) for s in Side if (k, s) not in glued)
+        self.combinatorics = Combinatorics([p.shape for p in patches], interfaces) if known is None else known
+        self.points, self.n_points = self.combinatorics.points, self.combinatorics.n_points
+        self.boundaries = self.combinatorics.boundaries
+        # A rational patch has its control polygon's sign unless its sides bend strongly; the certificate
+        # checks that.
+        areas = enclosed_areas(patches, self._sides_around_patches, len(patches))
+        self.orientation = np.where(areas >= 0, 1, -1)
 
     def moved(self, patches: tuple[Patch, ...]) -> Topology:
         """The topology of patches with the same shapes and interfaces and other control points."""
-        other = object.__new__(Topology)
-        other.patches, other.interfaces, other.kept = patches, self.interfaces, self.kept
-        other.points, other.n_points, other.boundaries = self.points, self.n_points, self.boundaries
-        other.orientation = np.where(signed_areas(patches, self.kept) >= 0, 1, -1)
-        return other
+        return Topology(patches, self.interfaces, self.combinatorics)
 
-    def kept_for(self, name: str, find: Callable[[Topology], T]) -> T:
-        """What a later stage finds from shapes, knots and interfaces alone, once for all control points."""
-        if name not in self.kept:
-            self.kept[name] = find(self)
-        found: T = self.kept[name]
-        return found
-
-    def __getstate__(self) -> dict[str, Any]:
-        # Found again faster than sent.
-        return self.__dict__ | {"kept": {}}
+    @Quantity
+    def _sides_around_patches(self) -> list[SideGroup]:
+        """The sides of the patches, for the areas that these enclose."""
+        return sides_around(self.patches)
 
     @cached_property
     def coordinates(self) -> FloatArray:
@@ -191,7 +138,7 @@ class Topology:
         np.logical_or.at(differ, flat, (first[flat] != control).any(axis=1))
         return np.where(differ[:, None], mean, first)
 
-    @combinatorial
+    @Quantity
     def glued_entries(self) -> tuple[IntArray, IntArray, IntArray]:
         """Control points that interfaces glue, numbered patch by patch, on side a and on side b; where each starts."""
         entries = numbered([patch.shape for patch in self.patches])
@@ -203,7 +150,7 @@ class Topology:
             starts.append(starts[-1] + len(first))
         return np.concatenate(a), np.concatenate(b), np.array(starts[:-1], np.int64)
 
-    @combinatorial
+    @Quantity
     def knot_gaps(self) -> tuple[float, ...]:
         """Largest difference of the two sides' knots, mapped to [0, 1], interface by interface; 0 if there is none."""
         sides = [
@@ -212,18 +159,18 @@ class Topology:
         ]
         return tuple(_knot_gap(a, b, f.reversed) for f, (a, b) in zip(self.interfaces, sides, strict=True))
 
-    @combinatorial
+    @Quantity
     def boundary_points(self) -> IntArray:
         """Sorted indices of the shared control points on the boundary."""
         sides = [side.of(self.points[k]) for k, side in self.boundaries]
         return np.unique(np.concatenate([np.empty(0, int), *sides]))
 
-    @combinatorial
+    @Quantity
     def interior_points(self) -> IntArray:
         """Sorted indices of the shared control points off the boundary: the unknowns of a transfer."""
         return np.setdiff1d(np.arange(self.n_points), self.boundary_points)
 
-    @combinatorial
+    @Quantity
     def n_components(self) -> int:
         """Number of connected components."""
         a = np.array([f.patch_a for f in self.interfaces], int)
@@ -248,6 +195,8 @@ class Topology:
         # The domain is on the left, so the outer loop is the one that runs counter-clockwise.
         if len(self._chains) < 2:
             return self._chains
+        # A rational patch has its control polygon's sign unless its sides bend strongly; the certificate
+        # checks that.
         areas = enclosed_areas(self.patches, self._sides_of_chains, len(self._chains))
         return tuple(self._chains[k] for k in np.argsort(-areas, kind="stable"))
 
@@ -295,7 +244,7 @@ class Topology:
             sides += [(k, side.patch, side.side, -1.0 if side.reversed else 1.0, origin) for side in chain]
         return group_sides(self.patches, sides)
 
-    @combinatorial
+    @Quantity
     def vertices(self) -> tuple[Vertex, ...]:
         """Patch corners, shared ones once, in the order of the shared control points."""
         around: dict[int, list[tuple[int, int]]] = defaultdict(list)

@@ -19,7 +19,7 @@ from ..geometry.multipatch import MultiPatch
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.components import components
 from ..numeric.dense import product, svd
-from .gluing import Gluing, c1_rows, gluing_of, name_of
+from .gluing import Gluing, c1_rows, gluing_of
 from .space import SplineSpace
 
 __all__ = ["C1Space"]
@@ -102,8 +102,8 @@ class C1Space:
             worst = max(unsuitable, key=lambda g: g.residual)
             raise InputError(
                 f"{len(unsuitable)} of {len(self.gluing)} interfaces are not analysis-suitable G1, the worst is "
-                f"{name_of(worst.interface)} (residual {worst.residual:.2g}); use a model with exact G1 continuity, or "
-                'gluing="nearest" for fields with kinks'
+                f"interface {worst.interface.name} (residual {worst.residual:.2g}); use a model with exact G1 "
+                'continuity, or gluing="nearest" for fields with kinks'
             )
         blocks = [self._orthonormal(c1_rows(space, g)) for g in self.gluing]
         self.rows = csr_array(_stack([b for b, _ in blocks], [c for _, c in blocks], space.size))

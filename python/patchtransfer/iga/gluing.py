@@ -18,10 +18,12 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from ..continuity.conditions import discontinuities
+from ..continuity.interfaces import frames
 from ..errors import InputError
 from ..geometry.basis import greville, knot_spans
 from ..geometry.multipatch import MultiPatch
 from ..geometry.sides import Interface, Side
+from ..measure.best_gluing import OF_VECTOR, factors, nearest_to_one
 from ..numeric.arrays import FloatArray
 from ..numeric.dense import product, svd
 from .nodes import gauss
@@ -128,10 +130,6 @@ def _aligned(row: _Row, s: FloatArray) -> FloatArray:
     return table[:, ::-1] if row.reverse else table
 
 
-def _det(x: FloatArray, y: FloatArray) -> FloatArray:
-    return np.asarray(x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0])
-
-
 def _quadratic(s: FloatArray) -> FloatArray:
     return np.stack([(1 - s) ** 2, 2 * s * (1 - s), s**2])
 
@@ -161,18 +159,12 @@ def gluing_of(mp: MultiPatch, f: Interface) -> Gluing:
     s, w = gauss(rows[0].breaks(), p + 4)
     vectors = geometry.vectors(s)
     scales = [max(float(np.hypot(*v.T).max()), 1e-300) for v in vectors]
-    linear, quadratic = np.stack([1 - s, s]), -_quadratic(s)
-    parts = [
-        v[..., None] / scale * b.T[:, None, :]
-        for v, scale, b in zip(vectors, scales, (linear, linear, quadratic), strict=True)
-    ]
-    system = np.concatenate(parts, axis=2)
+    scaled = np.stack([v / scale for v, scale in zip(vectors, scales, strict=True)], axis=2)
+    system = scaled[..., OF_VECTOR] * factors(s)[:, None]
     _, sigma, vt = svd((system * np.sqrt(w)[:, None, None]).reshape(-1, 7))
     residual = float(sigma[-1] / sigma[0])
     if residual <= ANALYSIS_SUITABLE:
-        # Of several (C¹ interfaces have more than one) the nearest to α = β = 1.
-        null = vt[sigma <= ANALYSIS_SUITABLE * sigma[0]]
-        x = null.T @ (null @ np.array([1.0, 1, 1, 1, 0, 0, 0]))
+        x = nearest_to_one(sigma, vt, ANALYSIS_SUITABLE)
     else:
         x = _between_frames(geometry, scales)
         # The middle coefficient of γ by least squares.
@@ -180,8 +172,8 @@ def gluing_of(mp: MultiPatch, f: Interface) -> Gluing:
         x[5] -= (system[..., 5] * known * w[:, None]).sum() / (system[..., 5] ** 2 * w[:, None]).sum()
     if not x[:4].min() > 0:
         raise InputError(
-            f"{name_of(f)}: the patches do not lie on different sides of it, or their cross derivatives vanish; C¹ "
-            "fields need a regular model"
+            f"interface {f.name}: the patches do not lie on different sides of it, or their cross derivatives vanish; "
+            "C¹ fields need a regular model"
         )
     # Back from scaled vectors, and of unit size.
     x = x / np.repeat(scales, [2, 2, 3])
@@ -191,15 +183,8 @@ def gluing_of(mp: MultiPatch, f: Interface) -> Gluing:
 def _between_frames(geometry: _Geometry, scales: list[float]) -> FloatArray:
     """α, β, γ that hold at both ends, where they are determined by D_a, D_b and C' up to a factor: α + β = 2."""
     a, b, c = (v / scale for v, scale in zip(geometry.vectors(np.array([0.0, 1.0])), scales, strict=True))
-    alpha, beta, gamma = _det(b, c), _det(c, a), _det(b, a)
-    factor = 2 / (alpha + beta)
-    alpha, beta, gamma = alpha * factor, beta * factor, gamma * factor
+    alpha, beta, gamma = frames(a, b, c).T
     return np.array([*alpha, *beta, gamma[0], 0.0, gamma[1]])
-
-
-def name_of(f: Interface) -> str:
-    """Name of an interface for messages."""
-    return f"interface patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
 
 
 def c1_rows(space: SplineSpace, gluing: Gluing) -> csr_array:

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..geometry.basis import collocation_matrix, knot_spans
+from ..geometry.combinatorics import identify
 from ..geometry.multipatch import MultiPatch
 from ..geometry.sides import Interface, Side
-from ..geometry.topology import identify
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.dense import product
 

@@ -21,7 +21,8 @@ from scipy.sparse import csc_array
 from .._core import SplineOptimizer as CoreSplineOptimizer
 from ..errors import InputError
 from ..geometry.patch import Patch
-from ..geometry.topology import CORNERS, Topology
+from ..geometry.sides import around_corner
+from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray
 from ..progress import Budget, Progress, reporter
 from ..proof.certificate import Cell, Certificate
@@ -166,10 +167,9 @@ def degenerate_corners(patches: Sequence[Patch]) -> list[tuple[int, int]]:
     """Patch corners (patch, corner) where the control polygons meet at 0 or 180 degrees within rounding."""
     found = []
     for k, patch in enumerate(patches):
-        for corner, (i, j) in enumerate(CORNERS):
-            c = patch.control_points
-            u = c[1 if i == 0 else -2, j] - c[i, j]
-            v = c[i, 1 if j == 0 else -2] - c[i, j]
+        for corner in range(4):
+            apex, along_u, along_v = around_corner(patch.control_points, corner)
+            u, v = along_u - apex, along_v - apex
             if abs(u[0] * v[1] - u[1] * v[0]) <= SINGULAR * float(np.hypot(*u) * np.hypot(*v)):
                 found.append((k, corner))
     return found

@@ -20,7 +20,7 @@ from ..geometry.topology import Spoke
 from ..numeric.arrays import FloatArray
 from ..paper.method import PaperHistory, paper_map
 from ..progress import Budget, Clock, Progress, StopReason, reporter
-from ..proof.certificate import Certificate, certify
+from ..proof.certificate import BoundaryReport, Certificate, certify
 from .optimizer import ROUGH, Certify, SplineOptimizer, degenerate_corners, optimize_with_ladder, step_cost
 from .under_rows import ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
 
@@ -103,6 +103,7 @@ class InteriorSolver:
         progress: Progress | None,
         clock: Clock,
         budget: Budget,
+        boundary: BoundaryReport | None = None,
     ) -> InteriorMap:
         """Spline harmonic map, then distortion optimisation until the certificate accepts the map; then rows.
 
@@ -110,19 +111,19 @@ class InteriorSolver:
         folds, or its rows cannot all be kept, the map without rows is found as if there were none to follow.
 
         Near-singular rows enlarge the rounding of coordinates, so a target far from the origin is brought there first;
-        the proof is for the points as they are put back.
+        the proof is for the points as they are put back. All certificates share `boundary`, the proof of its loops.
         """
-        check = partial(self.certify, clock=clock)
+        check = partial(self.certify, clock=clock, boundary=boundary)
         on = self.source.topology.boundary_points
-        boundary = start[on]
-        centre, diameter = boundary.mean(axis=0), float(np.linalg.norm(np.ptp(boundary, axis=0)))
+        fixed = start[on]
+        centre, diameter = fixed.mean(axis=0), float(np.linalg.norm(np.ptp(fixed, axis=0)))
         if float(np.linalg.norm(centre)) <= FAR * diameter:
             return self._certified(start, degenerate, check, progress, clock, budget)
 
         def back(points: FloatArray) -> FloatArray:
             there = np.array(points + centre)
             # To the bit: the proof of the loops is theirs.
-            there[on] = boundary
+            there[on] = fixed
             return there
 
         moved = start - centre
@@ -221,24 +222,27 @@ class InteriorSolver:
                 break
         return InteriorMap(points, certificate, log, [], rows), complete
 
-    def paper(self, start: FloatArray, clock: Clock, budget: Budget) -> InteriorMap:
+    def paper(
+        self, start: FloatArray, clock: Clock, budget: Budget, boundary: BoundaryReport | None = None
+    ) -> InteriorMap:
         """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
         topology = self.source.topology
         mapped = paper_map(topology, start, stage=clock, budget=budget)
 
+        points, log, rows = mapped.points, list(mapped.log), None
+        certificate = self.certify(points, clock, boundary)
+        check = partial(self.certify, clock=clock, boundary=certificate.boundary)
+
         def solve(space: RowSpace, near: FloatArray) -> tuple[FloatArray, Certificate, list[str]]:
             nonlocal mapped
             mapped = paper_map(topology, space.project(near), space.basis, stage=clock, budget=budget)
-            return mapped.points, self.certify(mapped.points, clock), mapped.log
+            return mapped.points, check(mapped.points), mapped.log
 
-        points, log, rows = mapped.points, list(mapped.log), None
-        certificate = self.certify(points, clock)
         for level in self._levels:
             if budget.expired():
                 break
             with clock("continuity rows"):
                 if certificate.injective:
-                    check = partial(self.certify, clock=clock)
                     points, certificate, under, rows = optimize_under_rows(
                         topology,
                         partial(self._rows, level, points),
@@ -257,10 +261,12 @@ class InteriorSolver:
             log += under
         return InteriorMap(points, certificate, log, mapped.notes, rows, mapped.history)
 
-    def harmonic(self, start: FloatArray, clock: Clock, reason: str) -> InteriorMap:
+    def harmonic(
+        self, start: FloatArray, clock: Clock, reason: str, boundary: BoundaryReport | None = None
+    ) -> InteriorMap:
         """The harmonic map on a boundary that rules out an injective one: an illustration of the reason."""
         points = self.optimizer(()).harmonic(start)
-        return InteriorMap(points, self.certify(points, clock), [reason], [])
+        return InteriorMap(points, self.certify(points, clock, boundary), [reason], [])
 
     def unproved(
         self,
@@ -270,6 +276,7 @@ class InteriorSolver:
         clock: Clock,
         budget: Budget,
         reason: str,
+        boundary: BoundaryReport | None = None,
     ) -> InteriorMap:
         """One map of low distortion on a boundary that no certificate will accept: an illustration of the reason."""
         with clock("optimisation"):
@@ -281,14 +288,13 @@ class InteriorSolver:
                 seconds=budget.seconds_left(),
             )
         entry = f"optimise: {len(found.history)} Newton steps, {found.stop}, smallest determinant "
-        return InteriorMap(
-            found.points, self.certify(found.points, clock), [f"{entry}{found.min_determinant:.3g}", reason], []
-        )
+        certificate = self.certify(found.points, clock, boundary)
+        return InteriorMap(found.points, certificate, [f"{entry}{found.min_determinant:.3g}", reason], [])
 
-    def certify(self, points: FloatArray, clock: Clock) -> Certificate:
-        """Proof of injectivity for shared control points."""
+    def certify(self, points: FloatArray, clock: Clock, boundary: BoundaryReport | None = None) -> Certificate:
+        """Proof of injectivity for shared control points; `boundary` is what is known of its loops."""
         with clock("certificate"):
-            return certify(self.model(points))
+            return certify(self.model(points), boundary=boundary)
 
     def model(self, points: FloatArray) -> MultiPatch:
         """The source with other control points; the last one is kept."""

@@ -18,7 +18,8 @@ from scipy.sparse import csr_array, diags_array, eye_array
 from ..continuity.null_space import RowSpace, row_space
 from ..continuity.rows import ContinuityRows
 from ..geometry.multipatch import MultiPatch
-from ..geometry.topology import CORNERS, Spoke, Topology
+from ..geometry.straight_corners import corner_triangles
+from ..geometry.topology import Spoke, Topology
 from ..numeric.arrays import FloatArray
 from ..numeric.definite import DefiniteFactor
 from ..progress import Budget, Progress
@@ -114,10 +115,7 @@ class ActiveRows:
 
 
 def _names(mp: MultiPatch, interfaces: Collection[int]) -> str:
-    names = [
-        f"patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
-        for f in (mp.interfaces[i] for i in interfaces)
-    ]
+    names = [mp.interfaces[i].name for i in interfaces]
     return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
@@ -306,18 +304,15 @@ class _Corners:
 
     def __init__(self, topology: Topology) -> None:
         self._spokes: list[tuple[Spoke, ...]] = []
-        found: list[tuple[int, ...]] = []
+        corners: list[tuple[int, int]] = []
         for vertex in topology.vertices:
             if vertex.interior or vertex.valence < 2:
                 continue
             for patch, corner in vertex.corners:
-                i, j = CORNERS[corner]
-                index = topology.points[patch]
-                turn = int(topology.orientation[patch]) * (1 if (i == 0) == (j == 0) else -1)
-                u, v = index[1 if i == 0 else -2, j], index[i, 1 if j == 0 else -2]
-                found.append((int(index[i, j]), int(u), int(v), turn))
+                corners.append((patch, corner))
                 self._spokes.append(topology.spokes.get(vertex.point, ()))
-        self._apex, self._u, self._v, self._turn = np.array(found, int).reshape(-1, 4).T
+        rows, self._turn = corner_triangles(topology, corners)
+        self._apex, self._u, self._v = rows.T
         # The first points of the interfaces that end at these vertices.
         self._first = np.intersect1d(np.concatenate([self._u, self._v]), topology.interior_points)
         self._free = np.zeros(topology.n_points)

@@ -235,7 +235,7 @@ def check_continuity(mp: MultiPatch, samples: int = 20) -> ContinuityReport:
     """
     if not mp.interfaces:
         return ContinuityReport(0.0, 0.0, 0.0, Kink(0.0, 0.0, None), 0.0, (), (), np.empty((0, 15)))
-    layout = interface_layout(mp)
+    layout = interface_layout(mp.topology)
     control = coordinates(mp)
     found = [measure(group, control, samples) for group in layout.groups]
     ratios = _chord_ratios(mp, layout, found)

@@ -11,18 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.areas import numbered
-from ..geometry.basis import span_basis
+from ..geometry.basis import end_rate, span_basis
+from ..geometry.combinatorics import Quantity
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.sides import Side
-from ..geometry.topology import Vertex
+from ..geometry.topology import Topology, Vertex
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.dense import product, svd
+from .best_gluing import OF_VECTOR, factors, nearest_to_one
 
 __all__ = ["InterfaceGroup", "InterfaceLayout", "Measured", "coordinates", "interface_layout", "measure", "norms"]
 
-#: Which of D_a, D_b and C' the coefficients of the gluing data multiply.
-OF_VECTOR = np.array([0, 0, 1, 1, 2, 2, 2])
+#: Singular values of the gluing data's equations below this part of the largest are rounding.
+ZERO = 1e-12
 #: Both ends of an interface, among its samples.
 ENDS = [0, -1]
 
@@ -74,24 +76,16 @@ class Measured:
     end_residuals: FloatArray
 
 
-def interface_layout(mp: MultiPatch) -> InterfaceLayout:
-    """Grouping of the interfaces: kept with the topology, for it is the same for all control points."""
-    kept = mp.topology.kept
-    if "continuity layout" not in kept:
-        kept["continuity layout"] = _new_layout(mp)
-    layout: InterfaceLayout = kept["continuity layout"]
-    return layout
-
-
-def _new_layout(mp: MultiPatch) -> InterfaceLayout:
-    topology = mp.topology
+@Quantity
+def interface_layout(topology: Topology) -> InterfaceLayout:
+    """Grouping of the interfaces."""
     vertices = {vertex.point: vertex for vertex in topology.vertices}
-    entries = numbered([patch.shape for patch in mp.patches])
+    entries = numbered([patch.shape for patch in topology.patches])
     members: dict[tuple[bytes, int, bool], list[int]] = defaultdict(list)
     spokes: dict[int, list[tuple[int, int]]] = defaultdict(list)
     rows, scales, kept, domains = [], [], [], []
-    for i, f in enumerate(mp.interfaces):
-        a, b = mp.patches[f.patch_a], mp.patches[f.patch_b]
+    for i, f in enumerate(topology.interfaces):
+        a, b = topology.patches[f.patch_a], topology.patches[f.patch_b]
         knots = a.knots[f.side_a.axis]
         domains.append(knots[[0, -1]])
         knots = (knots - knots[0]) / (knots[-1] - knots[0])
@@ -100,7 +94,7 @@ def _new_layout(mp: MultiPatch) -> InterfaceLayout:
         of_a = [f.side_a.of(entries[f.patch_a], row) for row in (0, 1)]
         of_b = [f.side_b.of(entries[f.patch_b], row)[:: -1 if f.reversed else 1] for row in (0, 1)]
         rows.append(np.array([of_a[0], of_b[0], of_a[1], of_b[1]]))
-        scales.append((_scale(a, f.side_a), _scale(b, f.side_b)))
+        scales.append((_rate_across(a, f.side_a), _rate_across(b, f.side_b)))
         along = f.side_a.of(topology.points[f.patch_a])
         kept.append(np.ones(len(along), bool))
         for end, point in enumerate((int(along[0]), int(along[-1]))):
@@ -125,13 +119,9 @@ def _new_layout(mp: MultiPatch) -> InterfaceLayout:
     return InterfaceLayout(tuple(groups), tuple(extraordinary))
 
 
-def _scale(patch: Patch, side: Side) -> float:
+def _rate_across(patch: Patch, side: Side) -> float:
     """p/h across a side, h the first knot span."""
-    axis = 1 - side.axis
-    knots, p = patch.knots[axis], patch.degrees[axis]
-    # On a domain of length 1: along a chord, speeds of patches with other domains are comparable then.
-    span = knots[-1] - knots[-p - 2] if side.at_end else knots[p + 1] - knots[0]
-    return p * float((knots[-1] - knots[0]) / span)
+    return end_rate(patch.knots[1 - side.axis], patch.degrees[1 - side.axis], side.at_end)
 
 
 def coordinates(mp: MultiPatch) -> FloatArray:
@@ -230,7 +220,7 @@ def _gluing(
     # Vectors of absurd weights overflow; of those sides nothing is known.
     known = np.isfinite(flat).all(axis=(1, 2))
     _, sigma, vt = svd(np.where(known[:, None, None], flat, 0.0))
-    x = np.where(known[:, None], _nearest_to_one(sigma, vt), np.nan)
+    x = np.where(known[:, None], nearest_to_one(sigma, vt, ZERO), np.nan)
     dv = (np.stack([slope[:, ENDS] for slope in slopes], axis=3) / largest[:, None, None])[..., OF_VECTOR]
     rows = v[:, ENDS] * samples.ends
     slope_rows = dv * samples.ends + v[:, ENDS] * samples.end_slopes
@@ -256,22 +246,9 @@ class _Samples(NamedTuple):
 @lru_cache(maxsize=256)
 def _samples(knot_bytes: bytes, degree: int, samples: int) -> _Samples:
     t, basis = span_basis(np.frombuffer(knot_bytes), degree, samples)
-    # a and b linear, c quadratic and on the other side of the equation: in Bernstein form.
-    linear, quadratic = [1 - t, t], [-((1 - t) ** 2), -2 * t * (1 - t), -(t**2)]
-    factors = np.stack([*linear, *linear, *quadratic], axis=1)
+    multiplied = factors(t)
     end_slopes = np.array([[-1, 1, -1, 1, 2, -2, 0], [-1, 1, -1, 1, 0, 2, -2.0]])
     # The breaks occur twice, with half a step each.
     steps = np.diff(t)
     weights = (np.append(steps, 0.0) + np.insert(steps, 0, 0.0)) / 2
-    return _Samples(t, basis, np.sqrt(weights)[:, None] * factors, factors[ENDS, None], end_slopes[:, None])
-
-
-def _nearest_to_one(sigma: FloatArray, vt: FloatArray) -> FloatArray:
-    """Pick the smallest singular vectors (k, 7), signed so that a and b are positive rather than negative.
-
-    On C1 models the null space has several dimensions (any linear a = b): its vector nearest to a = b = 1.
-    """
-    null = sigma <= np.maximum(sigma[:, -1:], 1e-12 * sigma[:, :1])
-    x = np.einsum("kij,ki->kj", vt, null * vt[..., :4].sum(axis=2))
-    length = np.linalg.norm(x, axis=1, keepdims=True)
-    return np.where(length > 0, x / np.where(length > 0, length, 1.0), vt[:, -1])
+    return _Samples(t, basis, np.sqrt(weights)[:, None] * multiplied, multiplied[ENDS, None], end_slopes[:, None])

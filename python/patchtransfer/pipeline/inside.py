@@ -62,14 +62,14 @@ def solve(posed: Posed, boundary: SourceBoundary, interior: InteriorSolver, run:
     """The inside: by the chosen method, or an illustration of why there is none."""
     start = posed.start
     if posed.failure is not None:
-        return posed, interior.harmonic(start, run.clock, posed.failure.reason)
+        return posed, interior.harmonic(start, run.clock, posed.failure.reason, posed.report)
     if run.options.method == "paper":
-        return posed, interior.paper(start, run.clock, run.budget)
-    report = check_boundary(boundary.curves(start))
+        return posed, interior.paper(start, run.clock, run.budget, posed.report)
+    report = check_boundary(boundary.curves(start), posed.report)
     if report.simple:
-        return posed, interior.certified(start, posed.degenerate, run.progress, run.clock, run.budget)
+        return posed, interior.certified(start, posed.degenerate, run.progress, run.clock, run.budget, report)
     failure = no_proof(report, Registered(posed.registration, posed.doubt))
-    found = interior.unproved(start, posed.degenerate, run.progress, run.clock, run.budget, failure.reason)
+    found = interior.unproved(start, posed.degenerate, run.progress, run.clock, run.budget, failure.reason, report)
     return replace(posed, failure=failure), found
 
 

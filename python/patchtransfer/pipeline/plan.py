@@ -23,7 +23,7 @@ from ..geometry.straight_corners import corner_triangles, straighten
 from ..interior.solver import InteriorSolver
 from ..progress import Budget, Clock, Progress
 from ..proof.certificate import Certificate, check_boundary
-from ..proof.feasibility import check_corners, check_loops
+from ..proof.feasibility import check_corners, check_report
 from .accepted import accepted
 from .inside import measure, slide, solve
 from .options import Run, SearchOptions, TransferOptions, options_of
@@ -236,15 +236,17 @@ class TransferPlan:
         if start.shape != (topology.n_points, 2) or not np.isfinite(start).all():
             raise InputError(f"refill: expected finite points of shape {(topology.n_points, 2)}, got {start.shape}")
         curves = self._boundary.curves(start)
-        check_loops(curves, "boundary")
+        known = check_boundary(curves)
+        check_report(known, "boundary")
         degenerate = self._boundary.degenerate(check_corners(curves, self._boundary.single, "boundary"))
         start, _ = straighten(start, corner_triangles(topology, degenerate))
         budget = Budget.of_source(self._interior.step_cost)
-        report = check_boundary(self._boundary.curves(start))
+        report = check_boundary(self._boundary.curves(start), known)
         if report.simple:
-            found = self._interior.certified(start, degenerate, progress, Clock(), budget)
+            found = self._interior.certified(start, degenerate, progress, Clock(), budget, report)
         else:
-            found = self._interior.unproved(start, degenerate, progress, Clock(), budget, no_proof(report).reason)
+            reason = no_proof(report).reason
+            found = self._interior.unproved(start, degenerate, progress, Clock(), budget, reason, report)
         return Refilled(self.source.with_shared_points(found.points), found.certificate, tuple(found.log))
 
     def _refined_to_tolerance(

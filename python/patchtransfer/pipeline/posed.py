@@ -66,6 +66,8 @@ class Posed:
         Corners where one patch fills a straight angle of the target.
     corner_bound : float
         Upper bound of the scaled Jacobian that the boundary's corners impose; -1 where the fit failed.
+    report : BoundaryReport
+        Proof that the fitted boundary is simple, or what keeps it from that.
     failure : Failure or None
     """
 
@@ -75,6 +77,7 @@ class Posed:
     start: FloatArray
     degenerate: tuple[tuple[int, int], ...]
     corner_bound: float
+    report: BoundaryReport
     failure: Failure | None = None
 
 

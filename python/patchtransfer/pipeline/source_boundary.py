@@ -14,9 +14,11 @@ from ..fitting.fit import FREE, SMOOTH, FittedBoundary, fit_boundary
 from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..geometry.outline import Outline
-from ..geometry.topology import CORNERS, Topology
+from ..geometry.sides import CORNERS
+from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray
-from ..proof.feasibility import Corner, check_corners, check_loops, check_target_corners
+from ..proof.certificate import BoundaryReport, check_boundary
+from ..proof.feasibility import Corner, check_corners, check_loops, check_report, check_target_corners
 from ..registration.register import Registration, register
 from .options import Run
 from .posed import FITTED, Posed, Registered, no_fit
@@ -28,10 +30,11 @@ MISSED = 2.0
 
 
 class FitCheck(NamedTuple):
-    """Upper bound of the scaled Jacobian by a fit's corners, its degenerate corners, and what is wrong with it."""
+    """Bound of the scaled Jacobian by a fit's corners, its degenerate corners, its proof, and what is wrong with it."""
 
     corner_bound: float
     degenerate: tuple[tuple[int, int], ...]
+    report: BoundaryReport
     failure: str | None
 
 
@@ -101,19 +104,20 @@ class SourceBoundary:
         The target passed these checks, so a failure is the fit's: the source's knots are too coarse for it.
         """
         curves = [[side.curve for side in sides] for sides in fitted.loops]
+        report = check_boundary(curves)
         try:
-            check_loops(curves, FITTED)
+            check_report(report, FITTED)
             corners = check_corners(curves, self.single, FITTED)
         except InfeasibleTargetError as error:
-            return FitCheck(-1.0, (), str(error))
-        return FitCheck(min((corner.bound for corner in corners), default=1.0), self.degenerate(corners), None)
+            return FitCheck(-1.0, (), report, str(error))
+        return FitCheck(min((corner.bound for corner in corners), default=1.0), self.degenerate(corners), report, None)
 
     def pose(self, registered: Registered, fitted: FittedBoundary, run: Run) -> Posed:
         """The problem for the inside that a fit poses."""
         with run.clock("feasibility"):
-            corner_bound, degenerate, reason = self.check(fitted)
+            bound, degenerate, report, reason = self.check(fitted)
             failure = None if reason is None else no_fit(registered, fitted.error, reason)
-            return Posed(*registered, fitted, self.points(fitted), degenerate, corner_bound, failure)
+            return Posed(*registered, fitted, self.points(fitted), degenerate, bound, report, failure)
 
     def degenerate(self, corners: Sequence[Corner]) -> tuple[tuple[int, int], ...]:
         """(patch, corner) of all corners where one patch fills a straight angle."""

@@ -78,9 +78,7 @@ def slope_difference(before: MultiPatch, after: MultiPatch, interfaces: Sequence
         for angles, colour, marker, label in ((red, BEFORE, "o", "without rows"), (blue, AFTER, "s", "with rows")):
             j = np.arange(len(angles[index])) + 1
             ax.plot(j, angles[index], marker=marker, ms=4, lw=0.8, color=colour, label=label, clip_on=False)
-        f = before.interfaces[index]
-        names = f"patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
-        ax.set_title(names, fontsize=8.5)
+        ax.set_title(before.interfaces[index].name, fontsize=8.5)
         ax.set_ylim(0, 1.05 * top)
         ax.set_xticks(np.unique(np.linspace(1, len(red[index]), min(6, len(red[index]))).astype(int)))
         ax.grid(axis="y", color=GRID, lw=0.5)

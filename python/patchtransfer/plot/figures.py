@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 __all__ = ["boundary", "html", "multipatch", "png", "registration", "savefig", "slope_difference", "transfer"]
 
 INK, GREY, FOLDED = "#1b1b1b", "#6b6b6b", "#e8000b"
-SUFFIXES = ("png", "svg", "pdf")
+#: What pictures are written as.
+SUFFIXES = (".png", ".svg", ".pdf")
 #: Joints that get a number at most; of more, every second, third, ... does.
 MAX_NUMBERS = 40
 _salt_lock = threading.Lock()
@@ -231,11 +232,11 @@ def savefig(figure: Figure, path: str | os.PathLike[str], dpi: int = 200) -> Non
         On another suffix or a folder that cannot be written to.
     """
     target = Path(path)
-    kind = target.suffix.lower().removeprefix(".")
-    if kind not in SUFFIXES:
-        raise InputError(f"{target}: unknown figure format {target.suffix!r}; use .png, .svg or .pdf")
-    data = _rendered(figure, kind, dpi)
-    write_atomic(target, data)
+    if target.suffix.lower() not in SUFFIXES:
+        raise InputError(
+            f"{target}: unknown figure format {target.suffix!r}; use {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+        )
+    write_atomic(target, _rendered(figure, target.suffix.lower().removeprefix("."), dpi))
 
 
 def png(mp: MultiPatch, dpi: int = 110) -> bytes:

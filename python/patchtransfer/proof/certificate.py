@@ -21,8 +21,7 @@ rounding, for the common ones that the notes name (`welding`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
-from functools import lru_cache
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,10 +31,12 @@ from ..errors import InputError
 from ..geometry.curve import BSplineCurve
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
-from .welding import Welded, in_own_knots, interface_name, weld
+from .welding import Welded, in_own_knots, weld
 
 if TYPE_CHECKING:
     from .._core import CurveTuple
+
+    Chains = list[list[CurveTuple]]
 
 __all__ = ["BoundaryReport", "Cell", "Certificate", "Meeting", "certify", "check_boundary"]
 
@@ -137,6 +138,19 @@ class BoundaryReport:
     orientation: tuple[int, ...]
     around: tuple[tuple[int, ...] | None, ...]
     reasons: tuple[str, ...]
+    _chains: Chains | None = field(default=None, repr=False, compare=False)
+
+    def _is_of(self, chains: Chains) -> bool:
+        """Whether it is known to be about these curves, bit by bit."""
+        return self._chains is not None and _bits(self._chains) == _bits(chains)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # The curves are the model's own, and are not sent twice.
+        return self.__dict__ | {"_chains": None}
+
+
+def _bits(chains: Chains) -> list[list[tuple[bytes, int, bytes, bytes | None]]]:
+    return [[(k.tobytes(), p, x.tobytes(), None if w is None else w.tobytes()) for k, p, x, w in c] for c in chains]
 
 
 @dataclass(frozen=True)
@@ -199,7 +213,7 @@ class Certificate:
         return f"{head}: {self.reasons[0]}{more}"
 
 
-def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
+def certify(multipatch: MultiPatch, *, max_depth: int = 20, boundary: BoundaryReport | None = None) -> Certificate:
     """Prove that a multi-patch is injective, or name the places where it is not.
 
     Every patch's det J is positive if all its Bernstein coefficients are, on Bézier pieces halved as far as
@@ -213,6 +227,8 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
     multipatch : MultiPatch
     max_depth : int, default 20
         Halvings of a Bézier piece before it counts as undecided.
+    boundary : BoundaryReport, optional
+        Known of the boundary, as of another certificate; where it is of other loops they are proved anew.
 
     Returns
     -------
@@ -262,7 +278,7 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20) -> Certificate:
                 )
             )
     findings += _gluing(welded, positive)
-    boundary, verdicts = _boundary(welded)
+    boundary, verdicts = _boundary(welded, boundary)
     findings += verdicts
     status = max((kind for kind, _ in findings), key=STATUSES.index, default="certified")
     ordered = sorted(findings, key=lambda f: -STATUSES.index(f[0]))
@@ -332,7 +348,7 @@ def _gluing(welded: Welded, positive: Sequence[bool]) -> list[tuple[str, str]]:
         if i in folded_over:
             kind = "folded" if positive[f.patch_a] and positive[f.patch_b] else "undecided"
             text = "the patches lie on the same side of it, one folds back on the other"
-            findings.append((kind, f"interface {interface_name(f)}: {text}"))
+            findings.append((kind, f"interface {f.name}: {text}"))
         a, b = patches[f.patch_a].weights, patches[f.patch_b].weights
         weight_gap = 0.0
         if a is not None and b is not None:
@@ -344,15 +360,13 @@ def _gluing(welded: Welded, positive: Sequence[bool]) -> list[tuple[str, str]]:
                     f"{what} of the two sides differ by {size:.3g}; take one side's numbers for both (a MultiPatch "
                     "rewritten by patchtransfer has bit-equal interfaces)"
                 )
-                findings.append(("undecided", f"interface {interface_name(f)}: {text}"))
+                findings.append(("undecided", f"interface {f.name}: {text}"))
         if (a is None) != (b is None):
-            findings.append(
-                ("undecided", f"interface {interface_name(f)}: only one side has weights; make both rational")
-            )
+            findings.append(("undecided", f"interface {f.name}: only one side has weights; make both rational"))
     return findings
 
 
-def check_boundary(loops: Iterable[Iterable[BSplineCurve]]) -> BoundaryReport:
+def check_boundary(loops: Iterable[Iterable[BSplineCurve]], known: BoundaryReport | None = None) -> BoundaryReport:
     """Prove closed loops simple, disjoint and rightly nested, or say where not.
 
     Parameters
@@ -360,36 +374,19 @@ def check_boundary(loops: Iterable[Iterable[BSplineCurve]]) -> BoundaryReport:
     loops : iterable of iterables of BSplineCurve
         Closed chains; where a curve ends off the next one's start, the latter is taken for both. Loops inside
         an even number of others have the domain on their left when they run counter-clockwise.
+    known : BoundaryReport, optional
+        Returned as it is if it was made, in this process, of loops that are these to the bit; else it does not count.
 
     Returns
     -------
     BoundaryReport
     """
-    return _check_boundary(_Loops([[(c.knots, c.degree, c.control_points, c.weights) for c in loop] for loop in loops]))
+    chains = [[(c.knots, c.degree, c.control_points, c.weights) for c in loop] for loop in loops]
+    return known if known is not None and known._is_of(chains) else _prove(chains)
 
 
-class _Loops:
-    """Chains of curves, equal if they are bit by bit."""
-
-    def __init__(self, chains: list[list[CurveTuple]]) -> None:
-        self.chains = chains
-        self._bits = tuple(
-            tuple((k.tobytes(), p, x.tobytes(), None if w is None else w.tobytes()) for k, p, x, w in chain)
-            for chain in chains
-        )
-        self._hash = hash(self._bits)
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Loops) and self._bits == other._bits
-
-
-# A transfer asks about the same boundary again and again: of the fit, and in every certificate on it.
-@lru_cache(maxsize=8)
-def _check_boundary(loops: _Loops) -> BoundaryReport:
-    meetings, orientation, around, _, _ = certify_loops(loops.chains)
+def _prove(chains: Chains) -> BoundaryReport:
+    meetings, orientation, around, _, _ = certify_loops(chains)
     crossings = tuple(Meeting(kind, a, b, (*point,)) for kind, a, b, point in meetings)
     crossings = tuple(sorted(crossings, key=lambda m: m.kind != "crossing"))
     reasons = [str(meeting) for meeting in crossings]
@@ -408,15 +405,15 @@ def _check_boundary(loops: _Loops) -> BoundaryReport:
     if wrong or any(m.kind == "crossing" for m in crossings):
         simple = False
     nested = tuple(None if x is None else tuple(x) for x in around)
-    return BoundaryReport(simple, crossings, tuple(orientation), nested, _shorten(reasons))
+    return BoundaryReport(simple, crossings, tuple(orientation), nested, _shorten(reasons), chains)
 
 
-def _boundary(welded: Welded) -> tuple[BoundaryReport, list[tuple[str, str]]]:
+def _boundary(welded: Welded, known: BoundaryReport | None) -> tuple[BoundaryReport, list[tuple[str, str]]]:
     try:
         loops = welded.multipatch.loops
     except InputError as error:
         return BoundaryReport(None, (), (), (), (str(error),)), [("undecided", str(error))]
-    report = check_boundary([side.curve(welded.patches) for side in loop] for loop in loops)
+    report = check_boundary(([side.curve(welded.patches) for side in loop] for loop in loops), known)
     if report.simple:
         return report, []
     kind = "folded" if report.simple is False else "undecided"

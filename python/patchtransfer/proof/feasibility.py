@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..errors import InfeasibleTargetError
 from ..geometry.curve import BSplineCurve
 from ..numeric.arrays import FloatArray, IntArray
-from .certificate import check_boundary
+from .certificate import BoundaryReport, check_boundary
 
 __all__ = ["Corner", "check_corners", "check_loops", "check_target_corners", "corner_report"]
 
@@ -74,7 +74,11 @@ def check_loops(boundary_loops: Sequence[Sequence[BSplineCurve]], what: str) -> 
         When loops are proved to cross themselves or each other, or are nested wrongly; the message names
         loops, curves and point.
     """
-    report = check_boundary(boundary_loops)
+    return check_report(check_boundary(boundary_loops), what)
+
+
+def check_report(report: BoundaryReport, what: str) -> list[str]:
+    """As `check_loops`, of loops that `check_boundary` has looked at."""
     for meeting in report.crossings:
         if meeting.kind == "crossing":
             raise InfeasibleTargetError(f"{what}: {meeting}; separate the curves there")

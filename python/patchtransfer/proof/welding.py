@@ -12,13 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..geometry.combinatorics import Quantity
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.sides import Interface
 from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray
 
-__all__ = ["Welded", "in_own_knots", "interface_name", "weld"]
+__all__ = ["Welded", "in_own_knots", "weld"]
 
 #: Interface control points may differ by this many units of the largest coordinate's roundoff.
 WELD_ULPS = 8.0
@@ -53,7 +54,7 @@ class Welded(NamedTuple):
 def weld(multipatch: MultiPatch) -> Welded:
     """Take common control points and knots for the two sides of interfaces that differ by rounding only."""
     welded, point_gaps, notes = _weld_points(multipatch)
-    common = welded.topology.kept_for("common knots", _common_knots)
+    common = _common_knots(welded.topology)
     patches = welded.patches
     if common.knots is not None:
         patches = tuple(
@@ -61,11 +62,6 @@ def weld(multipatch: MultiPatch) -> Welded:
             for patch, knots in zip(patches, common.knots, strict=True)
         )
     return Welded(welded, patches, point_gaps, common.gaps, notes + common.notes)
-
-
-def interface_name(f: Interface) -> str:
-    """The two sides, as messages name them."""
-    return f"patch {f.patch_a} {f.side_a.name.lower()} - patch {f.patch_b} {f.side_b.name.lower()}"
 
 
 def _weld_points(multipatch: MultiPatch) -> tuple[MultiPatch, list[float], list[str]]:
@@ -76,8 +72,7 @@ def _weld_points(multipatch: MultiPatch) -> tuple[MultiPatch, list[float], list[
     if max(gaps) > WELD_ULPS * EPS * float(np.abs(points).max()):
         return multipatch, gaps, []
     notes = [
-        f"interface {interface_name(f)}: the two sides differ by rounding ({gap:.2g}); the outcome is for their "
-        "common mean"
+        f"interface {f.name}: the two sides differ by rounding ({gap:.2g}); the outcome is for their common mean"
         for f, gap in zip(multipatch.interfaces, gaps, strict=True)
         if gap > 0.0
     ]
@@ -94,6 +89,7 @@ def _point_gaps(multipatch: MultiPatch) -> list[float]:
     return gaps
 
 
+@Quantity
 def _common_knots(topology: Topology) -> _CommonKnots:
     """Knots of one patch for all of the strip that they run across, where those differ by rounding."""
     gaps = list(topology.knot_gaps)
@@ -121,7 +117,7 @@ def _common_knots(topology: Topology) -> _CommonKnots:
         return _CommonKnots(None, gaps, [])
     more = f" and {len(found) - 1} more" if len(found) > 1 else ""
     note = (
-        f"interface {interface_name(topology.interfaces[min(found)])}{more}: the knots of the two sides differ by "
+        f"interface {topology.interfaces[min(found)].name}{more}: the knots of the two sides differ by "
         f"rounding ({largest:.2g}); the outcome is for one side's knots on both"
     )
     return _CommonKnots(knots, gaps, [note])
