@@ -13,11 +13,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-import exact
-import near_critical
-from exact_loops import examine_loops
-from exact_model import Disagreement, disagreements, opinion, reproducer
-from limited import LimitedCertify
+from exact import near_critical
+from exact.jacobian import examine, values_at
+from exact.limited import LimitedCertify
+from exact.loops import examine_loops
+from exact.model import Disagreement, disagreements, opinion, reproducer
 from patchtransfer import BSplineCurve, Certificate, InputError, Interface, MultiPatch, Patch, Side
 from shapes import LINE, polygon
 
@@ -126,11 +126,11 @@ def moved_corner(x: float) -> np.ndarray:
 
 def test_opinion_on_det_tells_the_last_bit():
     # With its first corner on the diagonal x + y = 1 a square has det J = 0 there.
-    assert exact.examine(quad(moved_corner(0.5))).kind == "corners"
-    assert exact.examine(quad(moved_corner(np.nextafter(0.5, 0)))).kind == "one sign"
-    assert exact.examine(quad(moved_corner(np.nextafter(0.5, 1)))).kind == "mixed"
+    assert examine(quad(moved_corner(0.5))).kind == "corners"
+    assert examine(quad(moved_corner(np.nextafter(0.5, 0)))).kind == "one sign"
+    assert examine(quad(moved_corner(np.nextafter(0.5, 1)))).kind == "mixed"
     flat = SQUARE * [1.0, 0.0]
-    assert exact.examine(quad(flat)).kind == "zero"
+    assert examine(quad(flat)).kind == "zero"
 
 
 def test_exact_pieces_agree_with_evaluation():
@@ -138,7 +138,7 @@ def test_exact_pieces_agree_with_evaluation():
     for rational in (False, True):
         patch = near_critical.bent(rng, 4, rational)
         for u, v in rng.uniform(0, 1, (5, 2)):
-            (found,) = exact.values_at(patch, u, v)
+            (found,) = values_at(patch, u, v)
             du, dv = patch.grid([u], [v], 1, 0)[0, 0], patch.grid([u], [v], 0, 1)[0, 0]
             weight = 1.0
             if rational:
@@ -154,7 +154,7 @@ def test_minimum_between_dyadic_points_is_found():
         x = np.cumsum([0, 1 / 9 + low, -2 / 9 + low, 4 / 9 + low]) / 3
         points = np.stack(np.meshgrid(x, [0.0, 1.0], indexing="ij"), -1)
         patch = Patch(([0.0] * 4 + [1.0] * 4, LINE), (3, 1), points)
-        assert exact.examine(patch).kind == kind
+        assert examine(patch).kind == kind
 
 
 def test_opinion_on_polygons():

@@ -15,7 +15,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from exact import binomials, derivative, over_common, product, spans_of
+from exact.jacobian import binomials, derivative, over_common, product, spans_of
 from patchtransfer import BSplineCurve
 
 Point = tuple[int, int]

@@ -7,8 +7,8 @@ from fractions import Fraction
 
 import numpy as np
 
-import exact
-import exact_loops
+from exact import jacobian
+from exact.loops import LoopsVerdict, examine_loops
 from patchtransfer import BSplineCurve, Certificate, MultiPatch, Patch, Side
 from patchtransfer.geometry.sides import Interface
 from patchtransfer.proof.certificate import Cell
@@ -55,9 +55,9 @@ def welded(model: MultiPatch) -> MultiPatch:
 class Opinion:
     """Exact answers: of every patch, of the interfaces that fold over, of the loops (None where they do not chain)."""
 
-    patches: tuple[exact.Verdict, ...]
+    patches: tuple[jacobian.Verdict, ...]
     folded_over: tuple[int, ...]
-    loops: exact_loops.LoopsVerdict | None
+    loops: LoopsVerdict | None
 
     @property
     def injective(self) -> bool | None:
@@ -70,7 +70,7 @@ class Opinion:
 
 def opinion(model: MultiPatch) -> Opinion:
     """Examine a model whose interfaces agree to the bit."""
-    verdicts = tuple(exact.examine(patch) for patch in model.patches)
+    verdicts = tuple(jacobian.examine(patch) for patch in model.patches)
     if not all(v.sign for v in verdicts):
         return Opinion(verdicts, (), None)
     signs = [v.sign for v in verdicts]
@@ -87,7 +87,7 @@ def opinion(model: MultiPatch) -> Opinion:
     if not chains:
         return Opinion(verdicts, over, None)
     loops = [[side_curve(model.patches[k], s, backwards(k, s)) for k, s in chain] for chain in chains]
-    return Opinion(verdicts, over, exact_loops.examine_loops(loops))
+    return Opinion(verdicts, over, examine_loops(loops))
 
 
 def chained(model: MultiPatch, backwards) -> list[list[tuple[int, Side]]]:
@@ -160,7 +160,7 @@ def disagreements(model: MultiPatch, certificate: Certificate) -> list[Disagreem
     return wrong + bounds(certificate, truth)
 
 
-def refuted(cell: Cell, patch: Patch, verdict: exact.Verdict) -> list[Disagreement]:
+def refuted(cell: Cell, patch: Patch, verdict: jacobian.Verdict) -> list[Disagreement]:
     """What is wrong with a cell."""
     place = f"patch {cell.patch} {cell.kind} at {cell.point}"
     if cell.kind == "folded" and verdict.kind in ("one sign", "corners"):
@@ -175,8 +175,8 @@ def refuted(cell: Cell, patch: Patch, verdict: exact.Verdict) -> list[Disagreeme
 def negative_in(cell: Cell, patch: Patch) -> bool:
     """Whether det J has both signs in a cell, by its exact coefficients there."""
     u0, u1, v0, v1 = map(Fraction, cell.bounds)
-    queue = [p for p in exact.det_pieces(patch) if _overlap(p.bounds, (u0, u1, v0, v1))]
-    signs = {1 if x > 0 else -1 for x in exact.values_at(patch, *cell.point) if x}
+    queue = [p for p in jacobian.det_pieces(patch) if _overlap(p.bounds, (u0, u1, v0, v1))]
+    signs = {1 if x > 0 else -1 for x in jacobian.values_at(patch, *cell.point) if x}
     # The cell's own corner mostly shows one sign, and a few cuts the other.
     for _ in range(12):
         for piece in queue:
