@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 import patchtransfer as pt
+from other_programs import gismo_finds_interfaces, gismo_model, gismo_sides, glued_sides
 from patchtransfer import examples
 from patchtransfer.cli import main
 
@@ -65,19 +66,11 @@ def test_the_wrench_moves_its_jaws_in_steps():
 
 @pytest.mark.parametrize("name", PROMISED)
 def test_pygismo_finds_the_same_interfaces(name, tmp_path):
-    pygismo = pytest.importorskip("pygismo")
     source, _, _ = examples.load(name)
     pt.write(source, tmp_path / "source.xml")
     assert pt.read(tmp_path / "source.xml") == source
-    theirs = pygismo.core.gsMultiPatch()
-    pygismo.io.gsFileData(str(tmp_path / "source.xml")).getAnyFirst(theirs)
-    found = pygismo.core.gsMultiPatch()
-    for k in range(theirs.nPatches()):
-        found.addPatch(theirs.patch(k))
-    found.computeTopology(1e-6, False, False)
-    sides = {frozenset((s.patchIndex(), s.index()) for s in (f.first(), f.second())) for f in found.interfaces()}
-    ours = {frozenset(((f.patch_a, int(f.side_a)), (f.patch_b, int(f.side_b)))) for f in source.interfaces}
-    assert sides == ours
+    found = gismo_finds_interfaces(gismo_model(tmp_path / "source.xml"))
+    assert gismo_sides(found) == glued_sides(source)
 
 
 @pytest.mark.parametrize("name", PROMISED)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import patchtransfer as pt
+from other_programs import gismo_finds_interfaces, gismo_model, gismo_sides
 from patchtransfer import examples
 
 # Patches, loops and the valences of the extraordinary vertices.
@@ -49,22 +50,9 @@ def test_target_is_cut_elsewhere(plate):
 
 
 def test_gismo_finds_the_same_interfaces(plate, tmp_path):
-    pygismo = pytest.importorskip("pygismo")
     _, source, _, _ = plate
     pt.write(source, tmp_path / "source.xml")
-    theirs = pygismo.core.gsMultiPatch()
-    pygismo.io.gsFileData(str(tmp_path / "source.xml")).getAnyFirst(theirs)
-    # The file's interfaces stay behind with its model.
-    found = pygismo.core.gsMultiPatch()
-    for k in range(theirs.nPatches()):
-        found.addPatch(theirs.patch(k))
-    assert not interfaces(found)
-    # Tolerance; not by corners only; no T-junctions.
-    found.computeTopology(1e-6, False, False)
-    assert len(interfaces(found)) == len(source.interfaces)
-    assert interfaces(found) == interfaces(theirs)
-
-
-def interfaces(model) -> set[frozenset[tuple[int, int]]]:
-    """Glued sides of a gsMultiPatch."""
-    return {frozenset((s.patchIndex(), s.index()) for s in (f.first(), f.second())) for f in model.interfaces()}
+    theirs = gismo_model(tmp_path / "source.xml")
+    found = gismo_sides(gismo_finds_interfaces(theirs))
+    assert len(found) == len(source.interfaces)
+    assert found == gismo_sides(theirs)

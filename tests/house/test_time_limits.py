@@ -15,8 +15,9 @@ from failing import hopeless
 from patchtransfer import InputError, MultiPatch, NotCertifiedError, io, progress
 from patchtransfer.batch import BatchOptions, run_batch
 from patchtransfer.cli import main
+from patchtransfer.continuity.interfaces import control_rows
+from patchtransfer.continuity.rows import c1_rows
 from patchtransfer.interior.optimizer import SplineOptimizer, step_cost
-from patchtransfer.interior.solver import InteriorSolver
 from patchtransfer.interior.under_rows import optimize_under_rows
 from patchtransfer.pipeline.posed import Registered, no_proof
 from patchtransfer.progress import Budget
@@ -155,7 +156,7 @@ def test_a_certified_map_with_collapsed_corners_is_kept_for_want_of_another(prov
 
     points, certificate, log, rows = optimize_under_rows(
         t,
-        partial(InteriorSolver(mp, "c1")._rows, "c1", reference),
+        partial(c1_rows, t, control_rows(t), reference),
         solve,
         reference,
         lambda _: SimpleNamespace(injective=proved, cells=()),

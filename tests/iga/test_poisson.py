@@ -158,18 +158,16 @@ def test_samples_are_solved_as_well_as_their_splines_can(transferred, name):
         assert fine.errors.max < 0.4 * iga.poisson(mp, degree=4, points=12, knots="uniform").errors.max
 
 
+def sine_in_its_scale(mp: pt.MultiPatch, points: int):
+    s = 1 / mp.diameter
+    load, exact = (lambda x, y: s**2 * sine_load(s * x, s * y)), (lambda x, y: sine(s * x, s * y))
+    return iga.poisson(mp, load, exact=exact, degree=4, points=points)
+
+
 def test_the_wrench_in_its_own_scale(transferred):
     """It is 92 mm long: sin(πx) has 46 periods on it, so its solution is scaled to its size."""
     mp = transferred["wrench"]
-    s = 1 / mp.diameter
-    result = iga.poisson(
-        mp,
-        lambda x, y: s**2 * sine_load(s * x, s * y),
-        exact=lambda x, y: sine(s * x, s * y),
-        degree=4,
-        points=12,
-    )
-    assert result.errors.max < 2e-5
+    assert sine_in_its_scale(mp, points=12).errors.max < 2e-5
 
 
 @real.needed
@@ -177,15 +175,7 @@ def test_the_wrench_in_its_own_scale(transferred):
 def test_real_models(name, largest):
     """Patches of both orientations, holes, several knots; the solution scaled to the model's size."""
     mp = real.model(name)
-    s = 1 / mp.diameter
-    result = iga.poisson(
-        mp,
-        lambda x, y: s**2 * sine_load(s * x, s * y),
-        exact=lambda x, y: sine(s * x, s * y),
-        degree=4,
-        points=17,
-    )
-    assert result.errors.max < largest
+    assert sine_in_its_scale(mp, points=17).errors.max < largest
     exact = iga.poisson(mp, lambda x, y: 0.0, exact=lambda x, y: x - 2 * y)
     assert exact.errors.max < 1e-11 * mp.diameter
 

@@ -427,18 +427,23 @@ def test_extra_nodes_raise_the_determinant_there():
     assert distortion(more.minimise(start).points) < distortion(plain.minimise(start).points) - 1e-6
 
 
-def test_the_ladder_stops_at_the_first_proof_and_tells_what_it_did():
-    mp, x = problem("o-grid p3")
+def climbed(mp: MultiPatch, x: np.ndarray, **options):
+    """What the ladder makes of shared points with a new boundary."""
     t = mp.topology
-    steps = []
-    found, certificate, log = optimize_with_ladder(
+    return optimize_with_ladder(
         lambda **options: SplineOptimizer(t, **options),
         x,
         lambda points: certify(mp.with_control_points([points[p] for p in t.points])),
         source=t.coordinates,
         boundary=t.boundary_points,
-        progress=lambda *a: steps.append(a),
+        **options,
     )
+
+
+def test_the_ladder_stops_at_the_first_proof_and_tells_what_it_did():
+    mp, x = problem("o-grid p3")
+    steps = []
+    found, certificate, log = climbed(mp, x, progress=lambda *a: steps.append(a))
     assert certificate.status == "certified"
     assert len(log) == 1
     assert log[0].startswith("optimise: ")
@@ -452,13 +457,7 @@ def test_the_ladder_climbs_every_rung_without_proof():
     t = mp.topology
     corner = t.loops[0][0].points(t.points[t.loops[0][0].patch])[0]
     x[corner] = x.mean(axis=0) + 1.5 * (x.mean(axis=0) - x[corner])
-    found, certificate, log = optimize_with_ladder(
-        lambda **options: SplineOptimizer(t, **options),
-        x,
-        lambda points: certify(mp.with_control_points([points[p] for p in t.points])),
-        source=t.coordinates,
-        boundary=t.boundary_points,
-    )
+    found, certificate, log = climbed(mp, x)
     assert certificate.status == "folded"
     assert found.min_determinant < 0
     assert [entry.split(":")[0] for entry in log] == ["optimise", "twice the nodes", "area weight 1", "continuation"]

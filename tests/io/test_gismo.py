@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import patchtransfer as pt
 import real
+from other_programs import gismo_model, gismo_sides, glued_sides
 from patchtransfer import Boundary, BSplineCurve, InputError, Interface, MultiPatch, Patch, Side
 from patchtransfer.io import gismo
 from patchtransfer.io.loops import chain, clamp
@@ -350,25 +351,17 @@ def _values(patch: Patch, uv: np.ndarray) -> np.ndarray:
     return np.array([patch(*point) for point in uv])
 
 
-def _sides(interfaces) -> set:
-    return {frozenset([(f.patch_a, int(f.side_a)), (f.patch_b, int(f.side_b))]) for f in interfaces}
-
-
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(multipatches())
 def test_gismo_reads_what_we_write_and_we_what_it_writes(tmp_path, mp):
     pygismo = pytest.importorskip("pygismo")
     pt.write(mp, tmp_path / "ours.xml")
-    theirs = pygismo.core.gsMultiPatch()
-    pygismo.io.gsFileData(str(tmp_path / "ours.xml")).getAnyFirst(theirs)
+    theirs = gismo_model(tmp_path / "ours.xml")
     assert theirs.nPatches() == len(mp)
     for k, patch in enumerate(mp.patches):
         uv = _uv(patch)
         assert np.allclose(theirs.patch(k).eval(uv.T).T, _values(patch, uv), atol=1e-13)
-    glued = {
-        frozenset([(side.patchIndex(), side.index()) for side in (f.first(), f.second())]) for f in theirs.interfaces()
-    }
-    assert glued == _sides(mp.interfaces)
+    assert gismo_sides(theirs) == glued_sides(mp)
     out = pygismo.io.gsFileData()
     out.setFloatPrecision(17)
     out.add(theirs)
@@ -376,7 +369,7 @@ def test_gismo_reads_what_we_write_and_we_what_it_writes(tmp_path, mp):
     back = pt.read(tmp_path / "theirs.xml")
     for a, b in zip(back.patches, mp.patches, strict=True):
         assert np.array_equal(a.control_points, b.control_points)
-    assert _sides(back.interfaces) == _sides(mp.interfaces)
+    assert glued_sides(back) == glued_sides(mp)
 
 
 @settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -397,4 +390,4 @@ def test_splinepy_reads_what_we_write_and_we_what_it_writes(tmp_path, mp, as_bas
     for a, b in zip(back.patches, mp.patches, strict=True):
         uv = _uv(b)
         assert np.allclose(_values(a, uv), _values(b, uv), atol=1e-12)
-    assert _sides(back.interfaces) == _sides(mp.interfaces)
+    assert glued_sides(back) == glued_sides(mp)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import patchtransfer as pt
+import real
 from patchtransfer.geometry.patch import Patch
 from patchtransfer.proof.certificate import check_boundary
 from patchtransfer.proof.source_corners import straighten_source
-from shapes import identity, quad
+from shapes import SQUARE, identity, mirrored, polygon, quad
 
 BEZIER = {p: [0.0] * (p + 1) + [1.0] * (p + 1) for p in (1, 2, 3)}
 
@@ -338,17 +337,13 @@ def test_status_is_invariant(patch, angle, scale, offset, mirror):
     mp = pt.MultiPatch([patch])
     similar = moved(mp, angle, scale, (offset * scale, -offset * scale), mirror)
     assert pt.certify(similar).status == pt.certify(mp).status
-    turned = Patch(patch.knots[::-1], patch.degrees[::-1], np.swapaxes(patch.control_points, 0, 1),
-                   None if patch.weights is None else patch.weights.T)  # fmt: skip
-    assert pt.certify(pt.MultiPatch([turned])).status == pt.certify(mp).status
+    assert pt.certify(pt.MultiPatch([mirrored(patch)])).status == pt.certify(mp).status
 
 
+@real.needed
 def test_real_models():
-    folder = os.environ.get("PATCHTRANSFER_MODELS")
-    if not folder or not hasattr(pt, "read"):
-        pytest.skip("needs PATCHTRANSFER_MODELS and patchtransfer.read")
     for name in ("yeti", "disc", "turtle"):
-        mp = pt.read(Path(folder) / f"{name}.xml")
+        mp = real.model(name)
         welded = mp.with_control_points([mp.topology.coordinates[i] for i in mp.topology.points])
         c = pt.certify(welded)
         assert c.status == "certified", str(c)
@@ -356,8 +351,7 @@ def test_real_models():
 
 
 def test_boundary_report_of_wrong_sense():
-    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    lines = [pt.BSplineCurve(BEZIER[1], 1, [a, b]) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+    lines = polygon(SQUARE)
     assert check_boundary([lines]).simple is True
     backwards = check_boundary([[line.reversed() for line in lines[::-1]]])
     assert backwards.simple is False

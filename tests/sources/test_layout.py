@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +10,7 @@ from click.testing import CliRunner
 
 import models
 import patchtransfer as pt
+import real
 from patchtransfer.cli import main
 from patchtransfer.sources.layout import rectangles
 from shapes import circle, loop
@@ -81,13 +80,11 @@ def layout_of(mp):
     return vertices, quads
 
 
+@real.needed
 @pytest.mark.parametrize(("name", "degree", "spans"), [("yeti", 2, 2), ("turtle", 3, 2)])
 def test_outlines_of_real_models(name, degree, spans):
     """With the model's own corners as layout: certified, and no worse than the original on the mean."""
-    folder = os.environ.get("PATCHTRANSFER_MODELS")
-    if not folder:
-        pytest.skip("PATCHTRANSFER_MODELS is not set")
-    mp = pt.read(Path(folder) / f"{name}.xml")
+    mp = real.model(name)
     result = pt.from_layout(*layout_of(mp), mp.boundary(), degree, spans)
     assert result.certificate.status == "certified"
     assert result.quality.scaled_jacobian.mean >= pt.quality(mp).scaled_jacobian.mean - 0.03
