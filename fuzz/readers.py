@@ -24,8 +24,8 @@ with atheris.instrument_imports(include=["patchtransfer", "svgpathtools"]):
 
     import patchtransfer as pt
     from patchtransfer import io
-    from patchtransfer.io import gismo, layout_json, points, svg
     from patchtransfer.files import json_text
+    from patchtransfer.io import gismo, layout_json, points, svg
 
 #: Above what a run takes by itself, and above atheris' own tables.
 MEMORY = 2 * 2**30
