@@ -516,7 +516,7 @@ def test_where_rows_fail_with_a_rough_map_the_exact_one_is_followed(monkeypatch)
 
     monkeypatch.setattr(interior, "best_under_rows", spy)
     result = pt.transfer(mp, target, landmarks)
-    assert [rounds for rounds, _ in calls] == [1, constrained.ROUNDS]
+    assert [rounds for rounds, _ in calls] == [1, constrained.ROW_ROUNDS]
     assert np.array_equal(calls[1][1], plain)
     assert result.rows.without == ()
     assert [entry.split()[0] for entry in result.log] == ["rough", "under", "optimise:", "under"]

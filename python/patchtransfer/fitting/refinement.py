@@ -29,6 +29,8 @@ Knot = tuple[int, int, float]
 
 #: Samples per span where a fit is compared with its target.
 SAMPLES_PER_SPAN = 12
+#: Spans that miss the target by less than this part of the worst are left for the next round, at any tolerance.
+NEARLY_WORST = 0.9
 #: Knots of a strip closer than this part of its length are one.
 SAME_KNOT = 1e-9
 
@@ -150,7 +152,7 @@ def missed_spans(
         feet, missed = outline.nearest(loop.target.polygon(max(2 * len(own), 512)))
         compared.append((outline, np.concatenate([own, feet]), np.concatenate([distance, missed])))
     worst = max(float(distance.max()) for _, _, distance in compared)
-    limit = min(tolerance * diameter, 0.9 * worst)
+    limit = min(tolerance * diameter, NEARLY_WORST * worst)
     knots: set[Knot] = set()
     for (outline, at, distance), of_loop in zip(compared, sides, strict=True):
         for i, t in {_span_at(outline, float(s)) for s in at[distance > limit]}:

@@ -22,7 +22,7 @@ from ..paper.method import PaperHistory, paper_map
 from ..progress import Budget, Clock, Progress, reporter
 from ..proof.certificate import BoundaryReport, Certificate, certify
 from .optimizer import ROUGH, Certify, SplineOptimizer, degenerate_corners, optimize_with_ladder, step_cost
-from .under_rows import ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
+from .under_rows import ROW_ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
 
 __all__ = ["CONTINUITY", "InteriorMap", "InteriorSolver"]
 
@@ -184,7 +184,7 @@ class InteriorSolver:
         progress: Progress | None,
         clock: Clock,
         budget: Budget,
-        rounds: int = ROUNDS,
+        rounds: int = ROW_ROUNDS,
     ) -> tuple[InteriorMap, bool]:
         """Rows that follow a map without them: C1 first, then exact G1 that follows the C1 map.
 

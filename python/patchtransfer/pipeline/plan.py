@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..continuity.g1 import check_g1_space
 from ..errors import InfeasibleTargetError, InputError
-from ..fitting.fit import FREE, SMOOTH, FittedBoundary, fit_boundary
+from ..fitting.fit import FREE, SMOOTH_ANGLE, FittedBoundary, fit_boundary
 from ..fitting.refinement import Knot, insert_in_strips, missed_spans, span_middles
 from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
@@ -316,7 +316,7 @@ class TransferPlan:
                 [loop.target.point(s) for loop, s in zip(registration.loops, images, strict=True)],
                 [loop.target.turn(s) for loop, s in zip(registration.loops, images, strict=True)],
                 self._single,
-                SMOOTH,
+                SMOOTH_ANGLE,
             )
         return replace(registration, warnings=(*registration.warnings, *notes))
 
