@@ -17,7 +17,7 @@ import targets
 from patchtransfer import examples
 from patchtransfer.continuity.interfaces import ControlRows, chord_ratios, control_rows
 from patchtransfer.continuity.null_space import row_space
-from patchtransfer.continuity.rows import ContinuityRows, c1_rows
+from patchtransfer.continuity.rows import C1Rows, ContinuityRows
 from patchtransfer.geometry.basis import collocation_matrix, knot_spans
 from patchtransfer.interior import solver as interior
 from patchtransfer.interior import under_rows as constrained
@@ -35,7 +35,7 @@ def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def rows_of(mp: pt.MultiPatch) -> ContinuityRows:
-    return c1_rows(mp.topology, control_rows(mp.topology), mp.topology.coordinates)
+    return C1Rows(mp.topology, control_rows(mp.topology))(mp.topology.coordinates)
 
 
 def jiggled(mp: pt.MultiPatch, seed: int, size: float = 0.02) -> pt.MultiPatch:
@@ -361,7 +361,7 @@ def test_transfers_keep_the_rows(name):
         for s in around
         if (s.interface, tuple(x[control[s.interface].curve[-1 if s.at_end else 0]])) in ends
     ]
-    rows = c1_rows(t, control, t.coordinates, spokes)
+    rows = C1Rows(t, control)(t.coordinates, spokes)
     assert len(rows) == result.rows.active
     assert active_spans_are_smooth(result, rows) >= (len(mp.interfaces) if name == "grid p2" else 0)
 
@@ -436,10 +436,10 @@ def test_impossible_rows_are_taken_back_and_reported():
     """Rows that fold the map: the certified map without them comes back, and all interfaces are named."""
     mp = models.grid(2, 1, 2, 3)
     t, control = mp.topology, control_rows(mp.topology)
-    true = c1_rows(t, control, t.coordinates)
+    true = C1Rows(t, control)(t.coordinates)
 
     def crossed(released, without):
-        rows = c1_rows(t, control, t.coordinates, released, without)
+        rows = C1Rows(t, control)(t.coordinates, released, without)
         if not without:
             # s = 3 L - 2 R lies beyond L.
             for k, slave in enumerate(rows.slave):

@@ -9,7 +9,7 @@ import models
 import patchtransfer as pt
 import targets
 from patchtransfer.fitting.fit import fit_boundary
-from patchtransfer.fitting.refinement import insert_in_strips, missed_spans, refine_uniformly, strips
+from patchtransfer.fitting.refinement import insert_in_strips, missed_spans, span_middles, strips
 from patchtransfer.registration.register import register
 
 
@@ -55,7 +55,8 @@ def test_a_strip_crosses_patches_and_ends_at_the_boundary():
 
 def test_uniform_refinement_halves_every_span():
     mp = models.o_grid(3, 3)
-    finer = refine_uniformly(mp)
+    patches = insert_in_strips(mp.topology, mp.patches, span_middles(mp.patches))
+    finer = pt.MultiPatch(patches, mp.interfaces)
     same_geometry(mp, finer)
     for before, after in zip(mp.patches, finer.patches, strict=True):
         for a, b in zip(before.knots, after.knots, strict=True):
@@ -78,7 +79,7 @@ def test_automatic_refinement_reaches_the_fit_tolerance(name):
     needed = max(len(np.unique(k)) - 1 for p in result.multipatch.patches for k in p.knots)
     uniform, rounds = mp, 0
     while max(len(np.unique(k)) - 1 for p in uniform.patches for k in p.knots) < needed and rounds < 6:
-        uniform, rounds = refine_uniformly(uniform), rounds + 1
+        uniform, rounds = uniform.split_spans(2), rounds + 1
     assert result.multipatch.topology.n_points < uniform.topology.n_points
 
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from ..geometry.basis import knot_spans
 from ..geometry.curve import BSplineCurve
-from ..geometry.multipatch import MultiPatch
 from ..geometry.outline import Outline
 from ..geometry.patch import Patch
 from ..geometry.topology import BoundarySide, Topology
@@ -22,7 +21,7 @@ from ..numeric.arrays import FloatArray
 from ..registration.register import Registration
 from .fit import FittedBoundary
 
-__all__ = ["insert_in_strips", "missed_spans", "refine_uniformly", "strips"]
+__all__ = ["insert_in_strips", "missed_spans", "span_middles", "strips"]
 
 #: A knot to insert: patch, axis of the knot vector, parameter.
 Knot = tuple[int, int, float]
@@ -100,12 +99,6 @@ def insert_in_strips(
             patch = patch.insert_knots(axis, a + (b - a) * x)
         refined.append(patch)
     return refined
-
-
-def refine_uniformly(source: MultiPatch) -> MultiPatch:
-    """The same geometry with one knot inserted in the middle of every span of every patch."""
-    patches = insert_in_strips(source.topology, source.patches, span_middles(source.patches))
-    return MultiPatch(patches, source.interfaces, source.ids)
 
 
 def span_middles(patches: Sequence[Patch]) -> list[Knot]:
