@@ -62,6 +62,14 @@ class InteriorMap:
     history: PaperHistory | None = None
 
 
+class _Kept(threading.local):
+    """What every thread has of its own: optimizers, which own their buffers, and the model it asked for last."""
+
+    def __init__(self) -> None:
+        self.optimizers: dict[tuple[object, ...], SplineOptimizer] = {}
+        self.model: tuple[FloatArray, MultiPatch] | None = None
+
+
 class InteriorSolver:
     """What depends on the source only: rows, optimizers and their symbolic factorizations.
 
@@ -81,14 +89,14 @@ class InteriorSolver:
         self._degenerate = degenerate_corners(source.patches if reference is None else reference)
         #: Of a Newton step on the source's own nodes; see `SplineOptimizer`.
         self.step_cost = step_cost(source.patches)
-        self._thread = threading.local()
+        self._kept = _Kept()
 
     def __getstate__(self) -> dict[str, object]:
         # Optimizers stay behind: they are rebuilt where the solver arrives.
-        return {name: value for name, value in self.__dict__.items() if name != "_thread"}
+        return {name: value for name, value in self.__dict__.items() if name != "_kept"}
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        self.__dict__.update(state, _thread=threading.local())
+        self.__dict__.update(state, _kept=_Kept())
 
     def certified(
         self,
@@ -292,9 +300,9 @@ class InteriorSolver:
 
     def model(self, points: FloatArray) -> MultiPatch:
         """The source with other control points; the last one is kept."""
-        last = self._thread.__dict__.get("model")
+        last = self._kept.model
         if last is None or last[0] is not points:
-            last = self._thread.model = points, self.source.with_shared_points(points)
+            last = self._kept.model = points, self.source.with_shared_points(points)
         return last[1]
 
     def optimizer(
@@ -319,7 +327,7 @@ class InteriorSolver:
 
         if extra_nodes:
             return new()
-        cache: dict[tuple[object, ...], SplineOptimizer] = self._thread.__dict__.setdefault("optimizers", {})
+        cache = self._kept.optimizers
         # Rows follow the target, but where a basis has its entries seldom changes.
         pattern = null_space is not None and (null_space.indptr.tobytes(), null_space.indices.tobytes())
         key = (nodes_per_degree, tuple(excluded), pattern)
