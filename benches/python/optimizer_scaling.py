@@ -26,7 +26,6 @@ from transfer_yeti import SciPyOptimizer, bend, gismo
 
 import patchtransfer as pt
 from patchtransfer import _core, examples
-from patchtransfer.fitting.refinement import refine_uniformly
 from patchtransfer.interior.optimizer import SplineOptimizer
 
 #: Largest number of unknown points at which a peer is still run.
@@ -39,7 +38,7 @@ def model_of(name: str | None, refinements: int) -> pt.MultiPatch:
         name = str(Path(folder) / "yeti.xml")
     model = pt.read(name) if name else examples.load("wrench")[0]
     for _ in range(refinements):
-        model = refine_uniformly(model)
+        model = model.split_spans(2)
     return model
 
 

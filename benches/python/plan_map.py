@@ -23,7 +23,6 @@ from transfer_yeti import bent_boundary
 
 import patchtransfer as pt
 from patchtransfer import _core, examples
-from patchtransfer.fitting.refinement import refine_uniformly
 
 Given = list[tuple[pt.Boundary, np.ndarray]]
 
@@ -62,7 +61,7 @@ def main() -> None:
     options = parser.parse_args()
     source = pt.read(options.model) if options.model else examples.load("wrench")[0]
     for _ in range(options.refinements):
-        source = refine_uniformly(source)
+        source = source.split_spans(2)
     given = [bent_boundary(source, angle) for angle in np.linspace(0.2, 1.2, options.n)]
     plan = pt.TransferPlan(source, options.continuity)
     context = get_context("spawn")

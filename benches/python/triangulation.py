@@ -19,7 +19,6 @@ from collections.abc import Callable
 import numpy as np
 
 from patchtransfer import _core, examples
-from patchtransfer.fitting.refinement import refine_uniformly
 
 Case = tuple[np.ndarray, list[np.ndarray]]
 
@@ -59,7 +58,7 @@ def mesh(n: int) -> Case:
     """What `background_mesh.source_mesh` triangulates."""
     model = examples.load("wrench")[0]
     while 2 * len(model.topology.coordinates) < n:
-        model = refine_uniformly(model)
+        model = model.split_spans(2)
     topology = model.topology
     loops = [
         np.concatenate([side.points(topology.points[side.patch])[:-1] for side in loop]) for loop in topology.loops

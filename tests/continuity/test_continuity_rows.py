@@ -12,7 +12,7 @@ import patchtransfer as pt
 import real
 from patchtransfer.continuity.interfaces import ControlRows, chord_ratios, control_rows
 from patchtransfer.continuity.null_space import row_space
-from patchtransfer.continuity.rows import ContinuityRows, c1_rows
+from patchtransfer.continuity.rows import C1Rows, ContinuityRows
 from patchtransfer.geometry.basis import collocation_matrix
 from shapes import bicubic, cut, reparameterized
 from strategies import layouts
@@ -23,7 +23,7 @@ def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def rows_of(mp: pt.MultiPatch) -> ContinuityRows:
-    return c1_rows(mp.topology, control_rows(mp.topology), mp.topology.coordinates)
+    return C1Rows(mp.topology, control_rows(mp.topology))(mp.topology.coordinates)
 
 
 @pytest.mark.parametrize("name", models.ALL)

@@ -16,7 +16,7 @@ import targets
 from patchtransfer import examples
 from patchtransfer.continuity.interfaces import ControlRows, chord_ratios, control_rows
 from patchtransfer.continuity.null_space import row_space
-from patchtransfer.continuity.rows import ContinuityRows, c1_rows
+from patchtransfer.continuity.rows import C1Rows, ContinuityRows
 from patchtransfer.geometry.basis import collocation_matrix, knot_spans
 from patchtransfer.interior import solver as interior
 from patchtransfer.interior import under_rows as constrained
@@ -79,7 +79,7 @@ def test_transfers_keep_the_rows(name):
         for s in around
         if (s.interface, tuple(x[control[s.interface].curve[-1 if s.at_end else 0]])) in ends
     ]
-    rows = c1_rows(t, control, t.coordinates, spokes)
+    rows = C1Rows(t, control)(t.coordinates, spokes)
     assert len(rows) == result.rows.active
     assert active_spans_are_smooth(result, rows) >= (len(mp.interfaces) if name == "grid p2" else 0)
 
@@ -100,7 +100,7 @@ def test_paper_method_keeps_rows_too():
     mp = models.o_grid(3, 3)
     target, landmarks = targets.deformed(mp, targets.bend(mp, 30))
     result = keeps_its_rows(mp, target, landmarks, method="paper")
-    assert result.rows.active == len(c1_rows(mp.topology, control_rows(mp.topology), mp.topology.coordinates))
+    assert result.rows.active == len(C1Rows(mp.topology, control_rows(mp.topology))(mp.topology.coordinates))
     assert any(entry.startswith("under") for entry in result.log)
 
 
@@ -136,7 +136,7 @@ def test_rows_without_freedom_are_named():
 def test_rows_that_the_boundary_contradicts_are_dropped():
     mp = models.grid(2, 1, 2, 2)
     t = mp.topology
-    rows = c1_rows(t, control_rows(t), t.coordinates)
+    rows = C1Rows(t, control_rows(t))(t.coordinates)
     a, b = t.boundary_points[:2]
     matrix = rows.matrix.tolil()
     matrix[0] = 0
@@ -154,10 +154,10 @@ def test_impossible_rows_are_taken_back_and_reported():
     """Rows that fold the map: the certified map without them comes back, and all interfaces are named."""
     mp = models.grid(2, 1, 2, 3)
     t, control = mp.topology, control_rows(mp.topology)
-    true = c1_rows(t, control, t.coordinates)
+    true = C1Rows(t, control)(t.coordinates)
 
     def crossed(released, without):
-        rows = c1_rows(t, control, t.coordinates, released, without)
+        rows = C1Rows(t, control)(t.coordinates, released, without)
         if not without:
             # s = 3 L - 2 R lies beyond L.
             for k, slave in enumerate(rows.slave):
@@ -234,7 +234,7 @@ def test_where_rows_fail_with_a_rough_map_the_exact_one_is_followed(monkeypatch)
 
     monkeypatch.setattr(interior, "best_under_rows", spy)
     result = pt.transfer(mp, target, landmarks)
-    assert [rounds for rounds, _ in calls] == [1, constrained.ROUNDS]
+    assert [rounds for rounds, _ in calls] == [1, constrained.ROW_ROUNDS]
     assert np.array_equal(calls[1][1], plain)
     assert result.rows.without == ()
     assert [entry.split()[0] for entry in result.log] == ["rough", "under", "optimise:", "under"]
@@ -258,7 +258,7 @@ def test_rows_are_released_before_they_are_eliminated(monkeypatch):
 def test_corners_move_as_rows_beside_them_ask(name):
     mp = models.jiggled(models.ALL[name](), 5)
     t, x = mp.topology, mp.topology.coordinates
-    rows, corners = c1_rows(t, control_rows(t), x), constrained._Corners(t)
+    rows, corners = C1Rows(t, control_rows(t))(x), constrained._Corners(t)
     moved = corners.with_rows(rows, x)
     assert np.array_equal(moved[t.boundary_points], x[t.boundary_points])
     first = {

@@ -9,7 +9,8 @@ import models
 import patchtransfer as pt
 import targets
 from patchtransfer.fitting.fit import fit_boundary
-from patchtransfer.fitting.refinement import insert_in_strips, missed_spans, refine_uniformly, strips
+from patchtransfer.fitting.refinement import insert_in_strips, missed_spans, span_middles
+from patchtransfer.geometry.strips import strips
 from patchtransfer.registration.register import register
 
 
@@ -37,25 +38,24 @@ def test_knots_reach_the_whole_strip_and_interfaces_conform(name, data):
     # MultiPatch checks that knots agree along all interfaces.
     finer = inserted(mp, knots)
     same_geometry(mp, finer)
-    strip_of = strips(mp.topology)
     for k, axis, t in knots:
-        for (other, along), (strip, against) in strip_of.items():
-            if strip == strip_of[k, axis][0]:
-                x = 1 - t if against != strip_of[k, axis][1] else t
-                assert np.abs(finer.patches[other].knots[along] - x).min() < 1e-12
+        members = next(strip.members for strip in strips(mp.topology) if (k, axis) in strip.members)
+        for (other, along), against in members.items():
+            x = 1 - t if against != members[k, axis] else t
+            assert np.abs(finer.patches[other].knots[along] - x).min() < 1e-12
 
 
 def test_a_strip_crosses_patches_and_ends_at_the_boundary():
     mp = models.grid(3, 2, 2, 2, seed=None)
-    found = strips(mp.topology)
-    sizes = sorted(sum(s == strip for s, _ in found.values()) for strip in {s for s, _ in found.values()})
+    sizes = sorted(len(strip.members) for strip in strips(mp.topology))
     # Three columns of two patches and two rows of three.
     assert sizes == [2, 2, 2, 3, 3]
 
 
 def test_uniform_refinement_halves_every_span():
     mp = models.o_grid(3, 3)
-    finer = refine_uniformly(mp)
+    patches = insert_in_strips(mp.topology, mp.patches, span_middles(mp.patches))
+    finer = pt.MultiPatch(patches, mp.interfaces)
     same_geometry(mp, finer)
     for before, after in zip(mp.patches, finer.patches, strict=True):
         for a, b in zip(before.knots, after.knots, strict=True):
@@ -78,7 +78,7 @@ def test_automatic_refinement_reaches_the_fit_tolerance(name):
     needed = max(len(np.unique(k)) - 1 for p in result.multipatch.patches for k in p.knots)
     uniform, rounds = mp, 0
     while max(len(np.unique(k)) - 1 for p in uniform.patches for k in p.knots) < needed and rounds < 6:
-        uniform, rounds = refine_uniformly(uniform), rounds + 1
+        uniform, rounds = uniform.split_spans(2), rounds + 1
     assert result.multipatch.topology.n_points < uniform.topology.n_points
 
 

@@ -16,7 +16,7 @@ from patchtransfer import InputError, MultiPatch, NotCertifiedError, io, progres
 from patchtransfer.batch import BatchOptions, run_batch
 from patchtransfer.cli import main
 from patchtransfer.continuity.interfaces import control_rows
-from patchtransfer.continuity.rows import c1_rows
+from patchtransfer.continuity.rows import C1Rows
 from patchtransfer.interior.optimizer import SplineOptimizer, step_cost
 from patchtransfer.interior.under_rows import optimize_under_rows
 from patchtransfer.pipeline.posed import Registered, no_proof
@@ -156,7 +156,7 @@ def test_a_certified_map_with_collapsed_corners_is_kept_for_want_of_another(prov
 
     points, certificate, log, rows = optimize_under_rows(
         t,
-        partial(c1_rows, t, control_rows(t), reference),
+        partial(C1Rows(t, control_rows(t)), reference),
         solve,
         reference,
         lambda _: SimpleNamespace(injective=proved, cells=()),

@@ -11,6 +11,7 @@ from patchtransfer import InputError, TransferPlan, _core, examples
 from patchtransfer.mesh.background_mesh import TriangleMesh, source_mesh
 from patchtransfer.mesh.harmonic import mesh_harmonic_map
 from patchtransfer.paper.method import frozen_points, paper_map
+from patchtransfer.paper.options import PaperOptions
 
 
 def deformed_start(mp, f):
@@ -34,7 +35,7 @@ def case():
 @pytest.mark.parametrize("initial", ["reversible", "dirichlet"])
 def test_all_stages_run(case, initial):
     mp, start = case
-    result = paper_map(mp.topology, start, initial=initial)
+    result = paper_map(mp.topology, start, options=PaperOptions(initial=initial))
     history = result.history
     assert history.initial_map == initial
     assert not result.notes
@@ -52,7 +53,9 @@ def test_all_stages_run(case, initial):
 
 def test_both_first_maps_end_alike(case):
     mp, start = case
-    first, second = (paper_map(mp.topology, start, initial=name).points for name in ("reversible", "dirichlet"))
+    first, second = (
+        paper_map(mp.topology, start, options=PaperOptions(initial=name)).points for name in ("reversible", "dirichlet")
+    )
     np.testing.assert_allclose(first, second, atol=1e-3)
 
 
@@ -60,8 +63,8 @@ def test_frozen_interfaces_stay(case):
     mp, start = case
     frozen = frozen_points(mp.topology)
     assert 0 < len(frozen) < len(mp.topology.interior_points)
-    before = paper_map(mp.topology, start, initial="dirichlet", freeze_interfaces=True)
-    free = paper_map(mp.topology, start, initial="dirichlet")
+    before = paper_map(mp.topology, start, options=PaperOptions("dirichlet", freeze_interfaces=True))
+    free = paper_map(mp.topology, start, options=PaperOptions("dirichlet"))
     unfolded = before.history.descent_energy[0]
     assert free.history.descent_energy[0] == unfolded
     assert free.history.descent_energy[-1] < before.history.descent_energy[-1] < unfolded
@@ -107,7 +110,7 @@ def test_rows_are_kept(case):
     # Frozen then are all three, on the interface or not.
     assert {p, s, q} <= set(frozen_points(mp.topology, z).tolist())
     assert not {p, q} <= set(frozen_points(mp.topology).tolist())
-    frozen = paper_map(mp.topology, start, z, freeze_interfaces=True).points
+    frozen = paper_map(mp.topology, start, z, options=PaperOptions(freeze_interfaces=True)).points
     np.testing.assert_allclose(2 * frozen[s] - frozen[p] - frozen[q], 0, atol=1e-12)
 
 
@@ -126,7 +129,7 @@ def test_a_target_without_a_mesh_takes_the_dirichlet_solve():
 def test_left_over_flips_are_said(case):
     mp, _ = case
     start = mp.topology.coordinates * [-1, 1]  # a mirrored boundary: nothing can unfold it
-    result = paper_map(mp.topology, start, initial="dirichlet", max_iterations=5)
+    result = paper_map(mp.topology, start, options=PaperOptions("dirichlet", max_iterations=5))
     assert result.history.descent_stop == "skipped"
     assert result.history.descent_energy == ()
     assert result.history.flips[-1] > 0
@@ -177,7 +180,8 @@ def test_result_carries_the_history():
     assert ours.to_dict()["paper_history"] is None
 
 
-def test_bad_option(case):
-    mp, start = case
+def test_bad_options():
     with pytest.raises(InputError, match="initial"):
-        paper_map(mp.topology, start, initial="magic")
+        PaperOptions("magic")
+    with pytest.raises(InputError, match="max_iterations"):
+        PaperOptions(max_iterations=-1)

@@ -31,10 +31,13 @@ __all__ = ["GluingData", "check_g1_space", "g1_rows", "gluing_data"]
 
 #: |c| (for a + b = 2) below which the reference is smooth at a regular vertex or on the boundary: C1 rows and the fit
 #: leave rounding only (values on all models are below 1e-12 or above 1e-5).
-SMOOTH = 1e-10
+SMOOTH_FRAME = 1e-10
 #: |a_0 b_1 - a_1 b_0| (for a + b = 2) below which c is taken linear, for C1 fields would lock. It chooses data, and
 #: not how many rows there are.
 NEARLY_CONSTANT = 1e-5
+#: Twist rows are closed when what is left of them is below this part of their largest entry, rounding on any model; of
+#: their equations singular values below RANK of the largest are zero, as those of vertices that say the same.
+CLOSED, RANK = 1e-9, 1e-12
 #: Conditions are independent unless points of an interface coincide; singular values are above 0.04 of the largest.
 DEPENDENT = 1e-10
 
@@ -127,7 +130,7 @@ def gluing_data(
     on_boundary = set(topology.boundary_points.tolist())
     for i, r in enumerate(control):
         for end, place in ((0, 4), (1, 6)):
-            if abs(data[i, place]) < SMOOTH and int(r.curve[-end]) in on_boundary:
+            if abs(data[i, place]) < SMOOTH_FRAME and int(r.curve[-end]) in on_boundary:
                 data[i, place], smooth[i, end] = 0.0, True
     near = np.zeros(len(control), bool)
     near[[s.interface for around in closing for s in around]] = True
@@ -152,7 +155,7 @@ def _smooth_vertices(topology: Topology, data: FloatArray) -> list[tuple[Spoke, 
             continue
         around = topology.spokes[vertex.point]
         where = tuple(np.array([(s.interface, 6 if s.at_end else 4) for s in around]).T)
-        if np.abs(data[where]).max() < SMOOTH:
+        if np.abs(data[where]).max() < SMOOTH_FRAME:
             data[where] = 0.0
             found.append(around)
     return found
@@ -165,7 +168,7 @@ def _one_ratio(data: FloatArray, smooth: NDArray[np.bool_]) -> NDArray[np.bool_]
     part only where a : b varies. With constant a : b and quadratic c the derivative of a C1 field along the interface
     would have to be of one degree less and smoother by one: the fields lock, though the map itself is exact.
     """
-    constant = smooth.all(axis=1) & (np.abs(data[:, 0] - data[:, 1]) < SMOOTH)
+    constant = smooth.all(axis=1) & (np.abs(data[:, 0] - data[:, 1]) < SMOOTH_FRAME)
     data[constant, :2] = data[constant, :2].mean(axis=1, keepdims=True)
     data[constant, 2:4] = 2 - data[constant, :2]
     return np.asarray(constant)
@@ -232,9 +235,9 @@ def _close_twists(
             matrix[2 * k : 2 * k + 2, spoke.interface] += y[m] * change[m]
     # Where c_1 matters most for the residual, relative to the speeds, it changes least.
     weight = np.array([_weight(r, reference) for r in control])
-    tolerance = 1e-9 * max(float(np.abs(rhs).max()), float(np.abs(matrix).max()))
+    tolerance = CLOSED * max(float(np.abs(rhs).max()), float(np.abs(matrix).max()))
     for chosen in (free, near):
-        moved = least_squares(matrix * (chosen / weight), rhs, 1e-12) * (chosen / weight)
+        moved = least_squares(matrix * (chosen / weight), rhs, RANK) * (chosen / weight)
         if np.abs(product(matrix, moved) - rhs).max() <= tolerance:
             data[:, 5] += moved
             return chosen

@@ -18,7 +18,7 @@ from ..geometry.topology import Spoke, Topology, Vertex
 from ..numeric.arrays import FloatArray, IntArray
 from .interfaces import ControlRows, chord_ratios, frames
 
-__all__ = ["C1Rows", "ContinuityRows", "c1_rows"]
+__all__ = ["C1Rows", "ContinuityRows"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,21 @@ class C1Rows:
     def __call__(
         self, reference: FloatArray, released: Collection[Spoke] = (), without: Collection[int] = ()
     ) -> ContinuityRows:
-        """Rows that follow the speeds and frames of the map `reference`; the rest as of `c1_rows`."""
+        """C1 rows along the interfaces and vertex rows at extraordinary vertices.
+
+        Parameters
+        ----------
+        reference : (n_points, 2) array
+            Map whose speeds and frames the rows follow, on the same boundary.
+        released : collection of Spoke
+            Interface ends where the row j = 1 is left out as well.
+        without : collection of int
+            Interfaces that get no rows at all.
+
+        Returns
+        -------
+        ContinuityRows
+        """
         rowless = self._linear.copy()
         rowless[list(without)] = True
         skipped = self._skipped.copy()
@@ -142,34 +156,6 @@ class C1Rows:
 
 def _joined(blocks: list[IntArray], width: int) -> IntArray:
     return np.concatenate([np.empty((0, width), int), *blocks])
-
-
-def c1_rows(
-    topology: Topology,
-    control: tuple[ControlRows, ...],
-    reference: FloatArray,
-    released: Collection[Spoke] = (),
-    without: Collection[int] = (),
-) -> ContinuityRows:
-    """C1 rows along the interfaces and vertex rows at extraordinary vertices, once; see `C1Rows`.
-
-    Parameters
-    ----------
-    topology : Topology
-    control : tuple of ControlRows
-        Of `control_rows`.
-    reference : (n_points, 2) array
-        Map whose speeds and frames the rows follow, on the same boundary.
-    released : collection of Spoke
-        Interface ends where the row j = 1 is left out as well.
-    without : collection of int
-        Interfaces that get no rows at all.
-
-    Returns
-    -------
-    ContinuityRows
-    """
-    return C1Rows(topology, control)(reference, released, without)
 
 
 class _Rows(NamedTuple):

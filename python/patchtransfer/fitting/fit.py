@@ -36,7 +36,7 @@ __all__ = ["FREE", "STIFF", "FittedBoundary", "FittedSide", "Stiffness", "fit_bo
 #: Samples per knot span and at least per side.
 SAMPLES_PER_SPAN, MIN_SAMPLES = 14, 24
 #: A joint is smooth when the target turns by less there.
-SMOOTH = np.radians(2.0)
+SMOOTH_ANGLE = np.radians(2.0)
 #: Sliding by this part of the side costs as much as an error of this part of the tolerance: where the shape leaves the
 #: parameters free (straight or round sides) the source's speed is kept, and control points do not crowd.
 SLIDE, SLIDE_ERROR = 0.1, 0.1
@@ -52,6 +52,12 @@ LEVELLING, PATIENCE = 40, 10
 IMPROVEMENT = (0.1, 0.01)
 #: Backing up costs this many times what an error of the same length costs.
 BACKING_UP = 100.0
+#: What the errors of a chain's other sides count for beside its largest: so little that they only break ties.
+OTHER_SIDES = 0.1
+#: Say in a joint's tangent that a side without error keeps; the worst side has as much more as its error is larger.
+LEAST_SAY = 0.1
+#: Where tangents are taken beside a joint, in parts of the loop: off the joint for any rounding.
+BESIDE = 1e-9
 #: A tangent turns by at most this angle in one step.
 MAX_TURN = 0.1
 
@@ -175,7 +181,7 @@ def fit_boundary(
     bases = _Bases()
     joints = [loop.joints for loop in registration.loops]
     turns = [loop.target.turn(x[:-1]) for loop, x in zip(registration.loops, joints, strict=True)]
-    smooth = [np.abs(turn) < SMOOTH for turn in turns]
+    smooth = [np.abs(turn) < SMOOTH_ANGLE for turn in turns]
     single = [np.zeros(len(turn), bool) for turn in turns] if single_patch is None else single_patch
     sides = [
         _sides(bases, loop, x, uniform, turn, np.asarray(flags))
@@ -310,9 +316,9 @@ def _sides(
         lengths = np.concatenate([np.linspace(a, b, len(t)) for a, b, t in ends])
     else:
         lengths = loop.to_target(known.samples)
-    near = 1e-9 * target.length
+    near = BESIDE * target.length
     leaving, arriving = target.tangent(joints[:-1] + near), target.tangent(joints[1:] - near, True)
-    straight = single & (turn < SMOOTH)
+    straight = single & (turn < SMOOTH_ANGLE)
     if straight.any():
         # Where legs have no line of their own (see `_smooth_joints`): one tangent for both sides.
         mean = leaving[straight] + np.roll(arriving, 1, axis=0)[straight]
@@ -373,7 +379,7 @@ class _Chains(NamedTuple):
         Loops are worse than any error: they rule out an injective map.
         """
         error, starts = error[self.order], self.starts
-        largest = np.maximum.reduceat(error, starts) + 0.1 * np.add.reduceat(error, starts) / self.sizes
+        largest = np.maximum.reduceat(error, starts) + OTHER_SIDES * np.add.reduceat(error, starts) / self.sizes
         return np.asarray(largest + BACKING_UP * np.maximum.reduceat(backwards[self.order], starts))
 
 
@@ -396,7 +402,7 @@ def _iterate(
             fit.align()
         elif step > FREE_STEPS:
             # Sides with large errors have more of a say.
-            fit.turn((0.1 + error / max(float(error.max()), 1e-300)) ** 2, MAX_TURN)
+            fit.turn((LEAST_SAY + error / max(float(error.max()), 1e-300)) ** 2, MAX_TURN)
         fit.solve()
         if step < FREE_STEPS:
             continue

@@ -1,7 +1,7 @@
 """Knot refinement of a source: the same geometry and conforming interfaces, with more control points where needed.
 
-A knot inserted along a patch side must be inserted in the opposite side too, hence in the neighbour, and so on: a
-*strip* is the set of (patch, axis) that share their knots in this way. Beyond the paper, which takes the source's
+A knot inserted along a patch side must be inserted in the opposite side too, hence in the neighbour, and so on: in a
+whole *strip* of patches. Beyond the paper, which takes the source's
 knots as they are.
 """
 
@@ -14,50 +14,25 @@ import numpy as np
 
 from ..geometry.basis import knot_spans
 from ..geometry.curve import BSplineCurve
-from ..geometry.multipatch import MultiPatch
 from ..geometry.outline import Outline
 from ..geometry.patch import Patch
+from ..geometry.strips import strips
 from ..geometry.topology import BoundarySide, Topology
 from ..numeric.arrays import FloatArray
 from ..registration.register import Registration
 from .fit import FittedBoundary
 
-__all__ = ["insert_in_strips", "missed_spans", "refine_uniformly", "strips"]
+__all__ = ["insert_in_strips", "missed_spans", "span_middles"]
 
 #: A knot to insert: patch, axis of the knot vector, parameter.
 Knot = tuple[int, int, float]
 
 #: Samples per span where a fit is compared with its target.
 SAMPLES_PER_SPAN = 12
+#: Spans that miss the target by less than this part of the worst are left for the next round, at any tolerance.
+NEARLY_WORST = 0.9
 #: Knots of a strip closer than this part of its length are one.
 SAME_KNOT = 1e-9
-
-
-def strips(topology: Topology) -> dict[tuple[int, int], tuple[int, bool]]:
-    """Strip of every (patch, axis), and whether the axis runs against the strip.
-
-    Patches in a row, joined through opposite sides, have the same knots across the row: they make a strip.
-    """
-    joined: dict[tuple[int, int], list[tuple[tuple[int, int], bool]]] = defaultdict(list)
-    for f in topology.interfaces:
-        a, b = (f.patch_a, f.side_a.axis), (f.patch_b, f.side_b.axis)
-        joined[a].append((b, f.reversed))
-        joined[b].append((a, f.reversed))
-    found: dict[tuple[int, int], tuple[int, bool]] = {}
-    count = 0
-    for start in ((k, axis) for k in range(len(topology.patches)) for axis in (0, 1)):
-        if start in found:
-            continue
-        found[start] = (count, False)
-        queue = [start]
-        while queue:
-            at = queue.pop()
-            for other, against in joined[at]:
-                if other not in found:
-                    found[other] = (count, found[at][1] != against)
-                    queue.append(other)
-        count += 1
-    return found
 
 
 def insert_in_strips(
@@ -80,7 +55,11 @@ def insert_in_strips(
     list of Patch
         Interfaces stay conforming.
     """
-    strip_of = strips(topology)
+    strip_of = {
+        member: (index, against)
+        for index, strip in enumerate(strips(topology))
+        for member, against in strip.members.items()
+    }
     positions: dict[int, list[float]] = defaultdict(list)
     for k, axis, t in knots:
         a, b = topology.patches[k].knots[axis][[0, -1]]
@@ -98,12 +77,6 @@ def insert_in_strips(
             patch = patch.insert_knots(axis, a + (b - a) * x)
         refined.append(patch)
     return refined
-
-
-def refine_uniformly(source: MultiPatch) -> MultiPatch:
-    """The same geometry with one knot inserted in the middle of every span of every patch."""
-    patches = insert_in_strips(source.topology, source.patches, span_middles(source.patches))
-    return MultiPatch(patches, source.interfaces, source.ids)
 
 
 def span_middles(patches: Sequence[Patch]) -> list[Knot]:
@@ -150,7 +123,7 @@ def missed_spans(
         feet, missed = outline.nearest(loop.target.polygon(max(2 * len(own), 512)))
         compared.append((outline, np.concatenate([own, feet]), np.concatenate([distance, missed])))
     worst = max(float(distance.max()) for _, _, distance in compared)
-    limit = min(tolerance * diameter, 0.9 * worst)
+    limit = min(tolerance * diameter, NEARLY_WORST * worst)
     knots: set[Knot] = set()
     for (outline, at, distance), of_loop in zip(compared, sides, strict=True):
         for i, t in {_span_at(outline, float(s)) for s in at[distance > limit]}:

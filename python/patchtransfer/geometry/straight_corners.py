@@ -22,7 +22,7 @@ __all__ = ["Triangles", "corner_triangles", "straighten"]
 #: A neighbour moves by this many ulps of the largest coordinate at most: what the certificate calls rounding.
 MOST_ULPS = 16.0
 #: Corners share neighbours where patches are coarse, so that mending one may spoil another.
-ROUNDS = 8
+MENDING_ROUNDS = 8
 
 
 class Triangles(NamedTuple):
@@ -72,7 +72,7 @@ def straighten(points: FloatArray, triangles: Triangles) -> tuple[FloatArray, fl
     limit = MOST_ULPS * float(np.spacing(np.abs(points).max()))
     found = points.copy()
     chosen = np.flatnonzero(doubtful)
-    for _ in range(ROUNDS):
+    for _ in range(MENDING_ROUNDS):
         mended = [_mend(found, triangles.rows[t], int(triangles.sense[t]), points, limit) for t in chosen]
         if not any(mended):
             break

@@ -19,7 +19,7 @@ from ..geometry.multipatch import MultiPatch
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.components import components
 from ..numeric.dense import product, svd
-from .gluing import Gluing, c1_rows, gluing_of
+from .gluing import Gluing, c1_rows, gluings
 from .space import SplineSpace
 
 __all__ = ["C1Space"]
@@ -96,7 +96,7 @@ class C1Space:
                     )
         self.space = space
         self.rank_gap = (0.0, np.inf)
-        self.gluing: tuple[Gluing, ...] = tuple(gluing_of(mp, f) for f in mp.interfaces)
+        self.gluing: tuple[Gluing, ...] = gluings(mp)
         unsuitable = [g for g in self.gluing if not g.analysis_suitable]
         if unsuitable and gluing == "exact":
             worst = max(unsuitable, key=lambda g: g.residual)
@@ -105,7 +105,7 @@ class C1Space:
                 f"interface {worst.interface.name} (residual {worst.residual:.2g}); use a model with exact G1 "
                 'continuity, or gluing="nearest" for fields with kinks'
             )
-        blocks = [self._orthonormal(c1_rows(space, g)) for g in self.gluing]
+        blocks = [self._orthonormal(rows) for rows in c1_rows(space, self.gluing)]
         self.rows = csr_array(_stack([b for b, _ in blocks], [c for _, c in blocks], space.size))
         vertex = self._vertex_of()
         self._edges = [self._edge(b, columns, vertex) for b, columns in blocks]

@@ -10,71 +10,33 @@ splines fulfil it (C¹ locking).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..continuity.conditions import discontinuities
-from ..continuity.interfaces import frames
+from ..continuity.conditions import discontinuities, evaluated
+from ..continuity.interfaces import ControlRows, frames
 from ..errors import InputError
-from ..geometry.basis import greville, knot_spans
+from ..geometry.basis import collocation_matrix, greville
 from ..geometry.multipatch import MultiPatch
-from ..geometry.sides import Interface, Side
+from ..geometry.sides import Interface
 from ..measure.best_gluing import OF_VECTOR, factors, nearest_to_one
 from ..numeric.arrays import FloatArray
-from ..numeric.dense import product, svd
+from ..numeric.dense import svd
 from .nodes import gauss
-from .space import SplineSpace, Univariate
+from .space import SplineSpace
 
-__all__ = ["Gluing", "c1_rows", "gluing_of"]
+__all__ = ["Gluing", "c1_rows", "gluings"]
 
 #: Residual up to which an interface counts as analysis-suitable.
 ANALYSIS_SUITABLE = 1e-9
 #: Conditions with a factor below this are void. Gluing data are no more exact than what counts as suitable.
 VOID = 10 * ANALYSIS_SUITABLE
-
-
-@dataclass(frozen=True)
-class _Row:
-    """One side of an interface: its basis, and the factor of a step into the patch in the cross derivative."""
-
-    along: Univariate
-    step: float
-    reverse: bool
-
-    @classmethod
-    def of(cls, pair: Sequence[Univariate], side: Side, reverse: bool) -> _Row:
-        across, p = pair[1 - side.axis].knots, pair[1 - side.axis].degree
-        span = across[-1] - across[-p - 2] if side.at_end else across[p + 1] - across[0]
-        return cls(pair[side.axis], p / float(span), reverse)
-
-    def table(self, s: FloatArray, order: int = 0) -> FloatArray:
-        """Basis functions along the side at s in [0, 1], in the sense of the interface, derivatives by s."""
-        start, stop = float(self.along.knots[0]), float(self.along.knots[-1])
-        t = stop - (stop - start) * s if self.reverse else start + (stop - start) * s
-        scale = -(stop - start) if self.reverse else stop - start
-        return self.along.table(np.clip(t, start, stop), order) * scale**order
-
-    def greville(self) -> FloatArray:
-        """Greville abscissae in [0, 1], in the side's own sense."""
-        return np.clip(self._mapped(greville(self.along.knots, self.along.degree)), 0.0, 1.0)
-
-    def jumps(self) -> tuple[FloatArray, FloatArray]:
-        """Inner breaks, in the side's own sense, and the jumps there of the first derivative that is not continuous."""
-        knots, jumps = discontinuities(self.along.knots, self.along.degree)
-        return self._mapped(knots), jumps
-
-    def _mapped(self, t: FloatArray) -> FloatArray:
-        knots = self.along.knots
-        return np.asarray((t - knots[0]) / (knots[-1] - knots[0]))
-
-    def breaks(self) -> FloatArray:
-        """Breaks along the side in [0, 1]."""
-        s = self._mapped(knot_spans(self.along.knots))
-        return np.asarray(1 - s[::-1] if self.reverse else s)
+#: Parameters of both ends of an interface.
+ENDS = np.array([0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -101,63 +63,29 @@ class Gluing:
         """Whether α D_a + β D_b = γ C' on the whole interface."""
         return self.residual <= ANALYSIS_SUITABLE
 
-    def __call__(self, s: FloatArray) -> FloatArray:
-        """α, β, γ at s, shape (3, len(s))."""
-        x, linear = self.coefficients, np.stack([1 - s, s])
-        parts = (x[:2], linear), (x[2:4], linear), (x[4:], _quadratic(s))
-        return np.stack([(part[:, None] * basis).sum(axis=0) for part, basis in parts])
 
-
-@dataclass(frozen=True)
-class _Geometry:
-    """Control points (n, 2) of an interface and of the first row on either side."""
-
-    rows: tuple[_Row, _Row]
-    side: FloatArray
-    inner: tuple[FloatArray, FloatArray]
-
-    def vectors(self, s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """D_a, D_b and C' at s, (m, 2) each."""
-        a, b = self.rows
-        # Both sides' points are taken in the sense of the first.
-        first, second = (r.step * (x - self.side) for r, x in zip((a, b), self.inner, strict=True))
-        return product(a.table(s), first), product(_aligned(b, s), second), product(a.table(s, 1), self.side)
-
-
-def _aligned(row: _Row, s: FloatArray) -> FloatArray:
-    """Basis functions of a side with the functions, too, in the sense of the interface."""
-    table = row.table(s)
-    return table[:, ::-1] if row.reverse else table
-
-
-def _quadratic(s: FloatArray) -> FloatArray:
-    return np.stack([(1 - s) ** 2, 2 * s * (1 - s), s**2])
-
-
-def gluing_of(mp: MultiPatch, f: Interface) -> Gluing:
-    """Gluing data of an interface of a polynomial model.
+def gluings(mp: MultiPatch) -> tuple[Gluing, ...]:
+    """Gluing data of all interfaces of a polynomial model.
 
     Raises
     ------
     InputError
         On rational patches, and where the two sides do not lie on different sides of the interface (a fold).
     """
-    patches = mp.patches[f.patch_a], mp.patches[f.patch_b]
-    if any(patch.weights is not None for patch in patches):
-        raise InputError(
-            f"patch {f.patch_a} or {f.patch_b} is rational: C¹ fields are built on polynomial patches only"
-        )
-    rows, inner = [], []
-    for patch, side, reverse in ((patches[0], f.side_a, False), (patches[1], f.side_b, f.reversed)):
-        pair = [Univariate(*both) for both in zip(patch.knots, patch.degrees, strict=True)]
-        rows.append(_Row.of(pair, side, reverse))
-        points = side.of(patch.control_points, 1)
-        inner.append(points[::-1] if reverse else points)
-    shared = f.side_a.of(patches[0].control_points)
-    geometry = _Geometry((rows[0], rows[1]), shared, (inner[0], inner[1]))
-    p = rows[0].along.degree
-    s, w = gauss(rows[0].breaks(), p + 4)
-    vectors = geometry.vectors(s)
+    bases = [tuple(zip(patch.knots, patch.degrees, strict=True)) for patch in mp.patches]
+    found = []
+    for f in mp.interfaces:
+        if any(mp.patches[k].weights is not None for k in (f.patch_a, f.patch_b)):
+            raise InputError(
+                f"patch {f.patch_a} or {f.patch_b} is rational: C¹ fields are built on polynomial patches only"
+            )
+        found.append(_gluing(f, ControlRows.of(f, mp.topology.points, bases), mp.topology.coordinates))
+    return tuple(found)
+
+
+def _gluing(f: Interface, r: ControlRows, points: FloatArray) -> Gluing:
+    s, w = gauss(r.breaks, r.degree + 4)
+    vectors = r.derivatives(points, *r.basis(s))
     scales = [max(float(np.hypot(*v.T).max()), 1e-300) for v in vectors]
     scaled = np.stack([v / scale for v, scale in zip(vectors, scales, strict=True)], axis=2)
     system = scaled[..., OF_VECTOR] * factors(s)[:, None]
@@ -166,7 +94,7 @@ def gluing_of(mp: MultiPatch, f: Interface) -> Gluing:
     if residual <= ANALYSIS_SUITABLE:
         x = nearest_to_one(sigma, vt, ANALYSIS_SUITABLE)
     else:
-        x = _between_frames(geometry, scales)
+        x = _between_frames(r.derivatives(points, *r.basis(ENDS)), scales)
         # The middle coefficient of γ by least squares.
         known = (system * x).sum(axis=2)
         x[5] -= (system[..., 5] * known * w[:, None]).sum() / (system[..., 5] ** 2 * w[:, None]).sum()
@@ -180,15 +108,14 @@ def gluing_of(mp: MultiPatch, f: Interface) -> Gluing:
     return Gluing(f, residual, x / np.abs(x).max())
 
 
-def _between_frames(geometry: _Geometry, scales: list[float]) -> FloatArray:
+def _between_frames(at_ends: Sequence[FloatArray], scales: list[float]) -> FloatArray:
     """α, β, γ that hold at both ends, where they are determined by D_a, D_b and C' up to a factor: α + β = 2."""
-    a, b, c = (v / scale for v, scale in zip(geometry.vectors(np.array([0.0, 1.0])), scales, strict=True))
-    alpha, beta, gamma = frames(a, b, c).T
+    alpha, beta, gamma = frames(*(v / scale for v, scale in zip(at_ends, scales, strict=True))).T
     return np.array([*alpha, *beta, gamma[0], 0.0, gamma[1]])
 
 
-def c1_rows(space: SplineSpace, gluing: Gluing) -> csr_array:
-    """Rows whose null space are the fields that are C¹ across an interface, (m, space.size), of unit size.
+def c1_rows(space: SplineSpace, gluings: Iterable[Gluing]) -> list[csr_array]:
+    """Rows of every interface whose null space are the fields that are C¹ across it, (m, space.size), of unit size.
 
     g = α D_a w + β D_b w − γ w' is a spline of degree p + 1 and smoothness r - 1 where w is one of degree p and
     smoothness r. It vanishes if it does so at the n Greville abscissae, with the jumps of its r-th derivative at the
@@ -196,50 +123,46 @@ def c1_rows(space: SplineSpace, gluing: Gluing) -> csr_array:
     r + 1, the pieces are there α (D_a w - D_b w) - γ w'. Each condition is divided by its factor, or left out where
     that is void: singular values of the undivided ones tell nothing, for they are as small as the factors.
     """
-    f = gluing.interface
-    a = _Row.of(space.bases[f.patch_a], f.side_a, False)
-    b = _Row.of(space.bases[f.patch_b], f.side_b, f.reversed)
-    numbers = space.points[f.patch_a], space.points[f.patch_b]
-    side = f.side_a.of(numbers[0])
-    first, second = f.side_a.of(numbers[0], 1), f.side_b.of(numbers[1], 1)
-    second = second[::-1] if f.reversed else second
-    s = a.greville()
-    alpha, beta, gamma = gluing(s)[..., None]
-    values = a.table(s)
-    parts = [np.stack([alpha * a.step * values, beta * b.step * values, gamma * a.table(s, 1)])]
+    bases = [[(basis.knots, basis.degree) for basis in pair] for pair in space.bases]
+    return [_rows(ControlRows.of(g.interface, space.points, bases), g, space.size) for g in gluings]
+
+
+def _rows(r: ControlRows, gluing: Gluing, width: int) -> csr_array:
+    s = np.clip(greville(r.knots, r.degree), 0.0, 1.0)
+    data = gluing.coefficients
+    values = evaluated(data, s)
+    parts = [r.functional(values, *r.basis(s))]
     # Sizes of the terms: those of D_a w and D_b w, and the factor that makes γ w' one.
-    size = float(np.abs(np.concatenate([alpha * a.step, beta * b.step])).max())
-    along = a.along.degree / float(np.diff(a.breaks()).min())
-    knots, jumps = a.jumps()
-    there = np.abs(gluing(knots)[2]) * along > VOID * size
-    parts.append(np.stack([np.zeros_like(jumps)] * 2 + [jumps])[:, there])
-    slope, bend, across, tangent = _at_root(gluing, a)
-    if max(float(np.abs(slope).max()) * max(a.step, b.step), float(np.abs(bend).max()) * along) > VOID * size:
-        parts.append(np.stack([a.step * slope * across, -b.step * slope * across, bend * tangent]))
-    into_a, into_b, rest = np.concatenate(parts, axis=1)
-    table = np.hstack([into_a, -into_a - into_b - rest, into_b])
+    size = float(np.abs(values[:, :2] * [r.left_scale, r.right_scale]).max())
+    along = r.degree / float(np.diff(r.breaks).min())
+    knots, jumps = discontinuities(r.knots, r.degree)
+    there = np.abs(evaluated(data, knots)[:, 2]) * along > VOID * size
+    parts.append(np.hstack([np.zeros((len(jumps), 2 * len(s))), jumps])[there])
+    slope, bend, across, tangent = _at_root(data, r)
+    steepest = float(np.abs(slope).max()) * max(r.left_scale, r.right_scale)
+    if max(steepest, float(np.abs(bend).max()) * along) > VOID * size:
+        left, right = r.left_scale * slope * across, -r.right_scale * slope * across
+        parts.append(np.hstack([left, right, -left - right - bend * tangent]))
+    table = np.concatenate(parts)
     table = table / np.linalg.norm(table, axis=1, keepdims=True)
-    columns = np.tile(np.concatenate([first, side, second]), len(table))
+    columns = np.tile(r.columns, len(table))
     rows = np.repeat(np.arange(len(table)), table.shape[1])
-    return csr_array(coo_array((table.ravel(), (rows, columns)), shape=(len(table), space.size)))
+    return csr_array(coo_array((table.ravel(), (rows, columns)), shape=(len(table), width)))
 
 
-def _at_root(gluing: Gluing, a: _Row) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _at_root(x: FloatArray, r: ControlRows) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Factors of D_a w - D_b w and of w', and their pieces on all spans, continued to the root of α + β.
 
     In terms of v = 1 / (root - middle of the span), by whose powers all is multiplied: v = 0 are the coefficients of
     the highest powers, for constant α + β.
     """
-    breaks, p = a.breaks(), a.along.degree
-    middle = (breaks[:-1] + breaks[1:]) / 2
-    x = gluing.coefficients
+    p, middle = r.degree, (r.breaks[:-1] + r.breaks[1:]) / 2
     total = x[:2] + x[2:4]
     v = (total[0] - total[1]) / (total[0] + (total[1] - total[0]) * middle)
-    alpha, _, gamma = gluing(middle)
+    alpha, _, gamma = evaluated(x, middle).T
     slope = alpha * v + x[1] - x[0]
-    rate = 2 * ((1 - middle) * (x[5] - x[4]) + middle * (x[6] - x[5]))
-    bend = gamma * v**2 + rate * v + x[4] - 2 * x[5] + x[6]
-    tables = [a.table(middle, k) for k in range(p + 1)]
+    bend = gamma * v**2 + evaluated(x, middle, 1)[:, 2] * v + x[4] - 2 * x[5] + x[6]
+    tables = [collocation_matrix(r.knots, p, middle, k) for k in range(p + 1)]
     across = sum(tables[k] * (v ** (p - k) / factorial(k))[:, None] for k in range(p + 1))
     tangent = sum(tables[k] * (v ** (p - k) / factorial(k - 1))[:, None] for k in range(1, p + 1))
     return slope[:, None], bend[:, None], np.asarray(across), np.asarray(tangent)

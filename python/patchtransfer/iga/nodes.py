@@ -35,7 +35,9 @@ __all__ = [
 #: Arrays x, y of one shape to values of that shape (or a constant).
 ScalarFunction = Callable[[FloatArray, FloatArray], Any]
 
+#: Values, first and second derivatives.
 ORDERS = 3
+#: Jacobians and speeds below this part of the patch's size are rounding: no integral can be taken there.
 SINGULAR = 1e-14
 
 

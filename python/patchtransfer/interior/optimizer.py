@@ -38,14 +38,18 @@ TOLERANCE = 1e-8
 #: to be solved for it.
 ROUGH = 1e-4
 #: Rounds of adding nodes where the certificate fails.
-ROUNDS = 8
+NODE_ROUNDS = 8
 #: Newton steps of a rung at most, and of a step of the continuation.
 MAX_STEPS, CONTINUATION_STEPS = 200, 60
+#: Nodes per degree of the rungs that follow, twice the plain optimiser's, and the area weight of the last of them.
+MORE_NODES, LARGE_AREA_WEIGHT = 4, 1.0
+#: First step of the continuation, a part of the way, and the step below which it gives up.
+FIRST_STEP, SHORTEST_STEP = 0.25, 1e-3
 #: What a node apart from the grid costs, over the product of its local functions' number, in nodes of the grid: there
 #: is no tensor product to use. Measured for degrees 2 to 4.
 EXTRA_NODE = 2.0
-#: |sin| of a corner's angle below which the source is singular there.
-SINGULAR = 1e-12
+#: |sin| of a corner's angle below which it is 0 or 180 degrees but for rounding, and the source is singular there.
+STRAIGHT = 1e-12
 
 
 class SplineOptimizer:
@@ -170,7 +174,7 @@ def degenerate_corners(patches: Sequence[Patch]) -> list[tuple[int, int]]:
         for corner in range(4):
             apex, along_u, along_v = around_corner(patch.control_points, corner)
             u, v = along_u - apex, along_v - apex
-            if abs(u[0] * v[1] - u[1] * v[0]) <= SINGULAR * float(np.hypot(*u) * np.hypot(*v)):
+            if abs(u[0] * v[1] - u[1] * v[0]) <= STRAIGHT * float(np.hypot(*u) * np.hypot(*v)):
                 found.append((k, corner))
     return found
 
@@ -220,71 +224,82 @@ def optimize_with_ladder(
     OptimizedMap, Certificate, list of str
         The certified map or the best one found, its certificate, and what each rung gave.
     """
-    log: list[str] = []
-    budget = budget or Budget()
-    best: tuple[OptimizedMap, Certificate] | None = None
-    latest: tuple[OptimizedMap, Certificate]
+    ladder = _Ladder(certify, progress, budget or Budget())
+    optimizer = make()
+    first = optimizer.harmonic(start) if project is None else start
+    over = ladder.attempt("optimise", optimizer, first, max_steps=MAX_STEPS)
+    if not over and ladder.budget.expired():
+        over = ladder.stop()
+    extra: list[tuple[int, float, float]] = []
+    over = over or ladder.add_nodes(make, extra)
+    if not over:
+        optimizer = make(nodes_per_degree=MORE_NODES, extra_nodes=extra)
+        for rung, weight in (("twice the nodes", AREA_WEIGHT), ("area weight 1", LARGE_AREA_WEIGHT)):
+            over = over or ladder.attempt(rung, optimizer, ladder.best[0].points, weight)
+    if not over:
+        project = project or (lambda points: points)
+        continued = _continue_boundary(optimizer, source, start, boundary, project, ladder.budget)
+        if not ladder.budget.steps(optimizer.step_cost, MAX_STEPS):
+            ladder.stop()
+        elif continued is None:
+            ladder.log.append("continuation: no fold-free path from the source's boundary was found")
+        else:
+            ladder.attempt("continuation", optimizer, continued)
+    return *ladder.best, ladder.log
+
+
+class _Ladder:
+    """Attempts at a certified map, and what each gave."""
+
+    def __init__(self, certify: Certify, progress: Progress | None, budget: Budget) -> None:
+        self.certify, self.progress, self.budget = certify, progress, budget
+        self.log: list[str] = []
+        self.outcomes: list[tuple[OptimizedMap, Certificate]] = []
+
+    @property
+    def best(self) -> tuple[OptimizedMap, Certificate]:
+        """The certified map, or that which came nearest."""
+        return max(self.outcomes, key=lambda outcome: _rank(outcome[1], outcome[0]))
 
     def attempt(
+        self,
         rung: str,
         optimizer: SplineOptimizer,
         points: FloatArray,
         weight: float = AREA_WEIGHT,
-        max_steps: int = MAX_STEPS,
+        max_steps: int | None = None,
     ) -> bool:
-        nonlocal best, latest
-        report = reporter(progress, rung)
-        found = optimizer.minimise(points, weight, max_steps, report, seconds=budget.seconds_left())
-        budget.spend(len(found.history) * optimizer.step_cost)
-        certificate = certify(found.points)
-        log.append(
+        """Optimise from `points`, by default in as many steps as the budget has; True if that ends the search."""
+        steps = self.budget.steps(optimizer.step_cost, MAX_STEPS) if max_steps is None else max_steps
+        if not steps:
+            return self.stop()
+        report = reporter(self.progress, rung)
+        found = optimizer.minimise(points, weight, steps, report, seconds=self.budget.seconds_left())
+        self.budget.spend(len(found.history) * optimizer.step_cost)
+        certificate = self.certify(found.points)
+        self.log.append(
             f"{rung}: {len(found.history)} Newton steps, {found.stop}, smallest determinant "
             f"{found.min_determinant:.3g}, {certificate.status}"
         )
-        latest = (found, certificate)
-        if best is None or _rank(certificate, found) > _rank(best[1], best[0]):
-            best = (found, certificate)
+        self.outcomes.append((found, certificate))
         return certificate.injective
 
-    def stopped() -> tuple[OptimizedMap, Certificate, list[str]]:
-        return *_known(best), [*log, budget.reason()]
+    def add_nodes(self, make: Callable[..., SplineOptimizer], extra: list[tuple[int, float, float]]) -> bool:
+        """Attempts with nodes where the proof failed, which are added to `extra`; True if one ends the search."""
+        for _ in range(NODE_ROUNDS):
+            found, certificate = self.outcomes[-1]
+            new = sorted(set(_nodes_of(certificate.cells)) - set(extra))
+            if found.min_determinant <= 0 or not new:
+                return False
+            extra += new
+            if self.attempt("nodes added where the proof failed", make(extra_nodes=extra), found.points):
+                return True
+        return False
 
-    optimizer = make()
-    if attempt("optimise", optimizer, optimizer.harmonic(start) if project is None else start):
-        return *_known(best), log
-    if budget.expired():
-        return stopped()
-    extra: list[tuple[int, float, float]] = []
-    for _ in range(ROUNDS):
-        found, certificate = latest
-        if found.min_determinant <= 0:
-            break
-        new = sorted(set(_nodes_of(certificate.cells)) - set(extra))
-        if not new:
-            break
-        extra += new
-        optimizer = make(extra_nodes=extra)
-        steps = budget.steps(optimizer.step_cost, MAX_STEPS)
-        if not steps:
-            return stopped()
-        if attempt("nodes added where the proof failed", optimizer, found.points, max_steps=steps):
-            return *_known(best), log
-    optimizer = make(nodes_per_degree=4, extra_nodes=extra)
-    for rung, weight in (("twice the nodes", AREA_WEIGHT), ("area weight 1", 1.0)):
-        steps = budget.steps(optimizer.step_cost, MAX_STEPS)
-        if not steps:
-            return stopped()
-        if attempt(rung, optimizer, _known(best)[0].points, weight, steps):
-            return *_known(best), log
-    continued = _continue_boundary(optimizer, source, start, boundary, project or (lambda points: points), budget)
-    steps = budget.steps(optimizer.step_cost, MAX_STEPS)
-    if not steps:
-        return stopped()
-    if continued is None:
-        log.append("continuation: no fold-free path from the source's boundary was found")
-    else:
-        attempt("continuation", optimizer, continued, max_steps=steps)
-    return *_known(best), log
+    def stop(self) -> bool:
+        """End the search for want of budget."""
+        self.log.append(self.budget.reason())
+        return True
 
 
 def step_cost(
@@ -310,12 +325,6 @@ def _nodes_of(cells: Sequence[Cell]) -> Iterator[tuple[int, float, float]]:
                     yield cell.patch, u, v
 
 
-def _known(best: tuple[OptimizedMap, Certificate] | None) -> tuple[OptimizedMap, Certificate]:
-    if best is None:
-        raise InputError("the ladder has no attempt yet")
-    return best
-
-
 def _rank(certificate: Certificate, found: OptimizedMap) -> tuple[bool, bool, float]:
     return certificate.injective, certificate.status == "undecided", found.min_determinant
 
@@ -339,7 +348,7 @@ def _continue_boundary(
     w = (za.conj() * zb).sum() / (abs(za) ** 2).sum()
     z = (source[:, 0] - a[:, 0].mean() + 1j * (source[:, 1] - a[:, 1].mean())) * w
     points = project(np.column_stack([z.real, z.imag]) + b.mean(axis=0))
-    begin, at, step = points[boundary].copy(), 0.0, 0.25
+    begin, at, step = points[boundary].copy(), 0.0, FIRST_STEP
     while at < 1.0:
         max_steps = budget.steps(optimizer.step_cost, CONTINUATION_STEPS)
         if not max_steps:
@@ -357,7 +366,7 @@ def _continue_boundary(
             points, at, step = trial.points, at + step, 2 * step
         else:
             step /= 2
-            if step < 1e-3:
+            if step < SHORTEST_STEP:
                 return None
     points[boundary] = b
     return project(np.asarray(points))

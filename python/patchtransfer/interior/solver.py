@@ -22,7 +22,7 @@ from ..paper.method import PaperHistory, paper_map
 from ..progress import Budget, Clock, Progress, StopReason, reporter
 from ..proof.certificate import BoundaryReport, Certificate, certify
 from .optimizer import ROUGH, Certify, SplineOptimizer, degenerate_corners, optimize_with_ladder, step_cost
-from .under_rows import ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
+from .under_rows import ROW_ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
 
 __all__ = ["CONTINUITY", "InteriorMap", "InteriorSolver"]
 
@@ -68,6 +68,14 @@ class InteriorMap:
         return last if isinstance(last, StopReason) else None
 
 
+class _Kept(threading.local):
+    """What every thread has of its own: optimizers, which own their buffers, and the model it asked for last."""
+
+    def __init__(self) -> None:
+        self.optimizers: dict[tuple[object, ...], SplineOptimizer] = {}
+        self.model: tuple[FloatArray, MultiPatch] | None = None
+
+
 class InteriorSolver:
     """What depends on the source only: rows, optimizers and their symbolic factorizations.
 
@@ -87,14 +95,14 @@ class InteriorSolver:
         self._degenerate = degenerate_corners(source.patches if reference is None else reference)
         #: Of a Newton step on the source's own nodes; see `SplineOptimizer`.
         self.step_cost = step_cost(source.patches)
-        self._thread = threading.local()
+        self._kept = _Kept()
 
     def __getstate__(self) -> dict[str, object]:
         # Optimizers stay behind: they are rebuilt where the solver arrives.
-        return {name: value for name, value in self.__dict__.items() if name != "_thread"}
+        return {name: value for name, value in self.__dict__.items() if name != "_kept"}
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        self.__dict__.update(state, _thread=threading.local())
+        self.__dict__.update(state, _kept=_Kept())
 
     def certified(
         self,
@@ -190,7 +198,7 @@ class InteriorSolver:
         progress: Progress | None,
         clock: Clock,
         budget: Budget,
-        rounds: int = ROUNDS,
+        rounds: int = ROW_ROUNDS,
     ) -> tuple[InteriorMap, bool]:
         """Rows that follow a map without them: C1 first, then exact G1 that follows the C1 map.
 
@@ -298,9 +306,9 @@ class InteriorSolver:
 
     def model(self, points: FloatArray) -> MultiPatch:
         """The source with other control points; the last one is kept."""
-        last = self._thread.__dict__.get("model")
+        last = self._kept.model
         if last is None or last[0] is not points:
-            last = self._thread.model = points, self.source.with_shared_points(points)
+            last = self._kept.model = points, self.source.with_shared_points(points)
         return last[1]
 
     def optimizer(
@@ -325,7 +333,7 @@ class InteriorSolver:
 
         if extra_nodes:
             return new()
-        cache: dict[tuple[object, ...], SplineOptimizer] = self._thread.__dict__.setdefault("optimizers", {})
+        cache = self._kept.optimizers
         # Rows follow the target, but where a basis has its entries seldom changes.
         pattern = null_space is not None and (null_space.indptr.tobytes(), null_space.indices.tobytes())
         key = (nodes_per_degree, tuple(excluded), pattern)

@@ -34,8 +34,11 @@ COLLAPSED = 0.8
 SPOILT = 0.5
 #: Rows whose residual is below this fraction of the diameter are kept.
 KEPT = 1e-10
+#: Part of the largest pivot that is added to all, against those that rounding leaves of dependent rows: far below what
+#: shows in the points.
+LIFTED = 1e-13
 #: Rounds of taking rows from interfaces.
-ROUNDS = 3
+ROW_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,7 @@ def best_under_rows(
     progress: Progress | None = None,
     *,
     release: bool = True,
-    rounds: int = ROUNDS,
+    rounds: int = ROW_ROUNDS,
     budget: Budget | None = None,
 ) -> Outcome:
     """Optimise the spline under the first choice of rows, and under the next where that costs too much.
@@ -175,7 +178,7 @@ def optimize_under_rows(
     certify: Certify,
     *,
     release: bool = True,
-    rounds: int = ROUNDS,
+    rounds: int = ROW_ROUNDS,
     budget: Budget | None = None,
 ) -> Outcome:
     """Find a certified map under continuity rows, starting from one without them.
@@ -331,7 +334,7 @@ class _Corners:
         if not gram.shape[0]:
             return points
         # Rows may follow from each other: so little that it does not show, but no pivot is lost to rounding.
-        gram = gram + 1e-13 * float(gram.diagonal().max()) * eye_array(gram.shape[0])
+        gram = gram + LIFTED * float(gram.diagonal().max()) * eye_array(gram.shape[0])
         return np.asarray(points - movable.T @ DefiniteFactor(gram).solve(near @ points))
 
     def _jacobians(self, points: FloatArray) -> FloatArray:

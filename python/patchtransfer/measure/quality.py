@@ -14,7 +14,7 @@ from .._core import measure_quality, sample_patch
 from ..errors import InputError
 from ..geometry.basis import check_samples
 from ..geometry.multipatch import MultiPatch
-from ..numeric.arrays import FloatArray
+from ..numeric.arrays import FloatArray, finite_or_none
 
 __all__ = ["Quality", "Statistics", "quality", "sample"]
 
@@ -140,11 +140,6 @@ def sample(mp: MultiPatch, samples: int = 10) -> list[tuple[FloatArray, FloatArr
         sample_patch(patch.to_core(), float(sign), samples)
         for patch, sign in zip(mp.patches, mp.topology.orientation, strict=True)
     ]
-
-
-def finite_or_none(x: float) -> float | None:
-    """`x` for JSON, which knows neither infinity nor NaN."""
-    return x if math.isfinite(x) else None
 
 
 def _check_corners(mp: MultiPatch, exclude: Iterable[tuple[int, int]]) -> dict[int, list[int]]:

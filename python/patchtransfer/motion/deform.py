@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..fitting.fit import SMOOTH
+from ..fitting.fit import SMOOTH_ANGLE
 from ..geometry.basis import collocation_matrix, greville
 from ..geometry.multipatch import MultiPatch
 from ..geometry.outline import Outline
@@ -171,7 +171,7 @@ class _Loop:
         self._curves = [side.curve(mp.patches) for side in sides]
         self._indices = [side.points(mp.topology.points[side.patch]) for side in sides]
         self.outline = Outline(self._curves)
-        self._smooth = np.abs(self.outline.turn(self.outline.joints[:-1])) < SMOOTH
+        self._smooth = np.abs(self.outline.turn(self.outline.joints[:-1])) < SMOOTH_ANGLE
 
     def displace(self, points: FloatArray, places: FloatArray, rows: FloatArray, radius: float | None) -> None:
         """Add to `points` the displacement that takes the boundary points at `places` to the last two columns."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 
-__all__ = ["FloatArray", "IntArray", "frozen_array", "same_bits"]
+__all__ = ["FloatArray", "IntArray", "finite_or_none", "frozen_array", "same_bits"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -42,3 +43,8 @@ def same_bits(a: Any, b: Any, names: tuple[str, ...]) -> bool:
                 return False
     degrees = ("degree", "degrees")
     return all(a.__dict__.get(name) == b.__dict__.get(name) for name in degrees)
+
+
+def finite_or_none(x: float) -> float | None:
+    """`x` for JSON, which knows neither infinity nor NaN."""
+    return x if math.isfinite(x) else None

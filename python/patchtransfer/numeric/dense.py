@@ -10,17 +10,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._core import eigen as core_eigen
 from .._core import product as core_product
 from .._core import solve as core_solve
 from .._core import solve_definite as core_solve_definite
 from .._core import svd as core_svd
+from .arrays import FloatArray
 
 __all__ = ["eigen", "least_squares", "product", "solve", "solve_definite", "svd"]
-
-FloatArray = NDArray[np.float64]
 
 
 def product(a: FloatArray, b: FloatArray) -> FloatArray:

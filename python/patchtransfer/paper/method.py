@@ -25,11 +25,12 @@ from ..numeric.dense import svd
 from ..progress import Budget
 from .bounded_distortion import remove_foldovers
 from .distortion_descent import minimise_distortion
+from .options import PaperOptions
 from .reversible_harmonic import reverse_boundary, reversible_harmonic_map
 
-__all__ = ["INITIAL_MAPS", "PaperHistory", "PaperMap", "frozen_points", "paper_map"]
+__all__ = ["PaperHistory", "PaperMap", "frozen_points", "paper_map"]
 
-INITIAL_MAPS = ("reversible", "dirichlet")
+DEFAULTS = PaperOptions()
 #: Clock around a stage, by its name.
 Stage = Callable[[str], AbstractContextManager[object]]
 
@@ -117,9 +118,7 @@ def paper_map(
     start: FloatArray,
     null_space: Any = None,
     *,
-    initial: str = "reversible",
-    freeze_interfaces: bool = False,
-    max_iterations: int = 2000,
+    options: PaperOptions = DEFAULTS,
     stage: Stage = lambda name: nullcontext(),
     budget: Budget | None = None,
 ) -> PaperMap:
@@ -135,25 +134,16 @@ def paper_map(
         Basis of the displacements of the interior points (``topology.interior_points``) that keep the continuity
         rows B u = 0; default all. The rows tie interior to boundary points, so the boundary is hard from the first
         stage on then.
-    initial : {"reversible", "dirichlet"}, default "reversible"
-        First map: the paper's, with the boundary softly bound and made exact after it, or one constrained Dirichlet
-        solve with exact boundary. With an exact boundary and images inside the target the former tends to the latter.
-    freeze_interfaces : bool, default False
-        In the last stage keep interface points and those in continuity rows where they are, as the paper does,
-        instead of keeping the rows. Less distortion is removed then.
-    max_iterations : int
-        Of local-global steps.
+    options : PaperOptions
     stage : callable
         Context manager put around every stage.
     budget : Budget, optional
-        Its time limit ends every stage with what it has; work is limited by `max_iterations`.
+        Its time limit ends every stage with what it has; work is limited by the options.
 
     Returns
     -------
     PaperMap
     """
-    if initial not in INITIAL_MAPS:
-        raise InputError(f"initial must be one of {', '.join(INITIAL_MAPS)}, got {initial!r}")
     budget = budget or Budget()
     boundary = topology.boundary_points
     with stage("background mesh"):
@@ -166,7 +156,7 @@ def paper_map(
         polygons = [start[loop] for loop in mesh.loops]
         area = TriangleMesh(start, mesh.triangles, ()).areas().sum()
         other = None
-        if initial == "reversible":
+        if options.initial == "reversible":
             try:
                 other = target_mesh(polygons, max_area=abs(float(area)) / len(mesh.triangles))
             except InputError as error:
@@ -180,7 +170,9 @@ def paper_map(
             points, history, line = _reversible(mesh, other, boundary, start, points, interior, null_space, budget)
             log.append(line)
     with stage("bounded distortion"):
-        unfolded = remove_foldovers(mesh, points, boundary, null_space, max_iterations=max_iterations, budget=budget)
+        unfolded = remove_foldovers(
+            mesh, points, boundary, null_space, max_iterations=options.max_iterations, budget=budget
+        )
         history |= {
             "flips": tuple(unfolded.flips),
             "distortion_energy": tuple(unfolded.energy),
@@ -198,7 +190,7 @@ def paper_map(
             log.append("distortion descent: skipped, faces are still flipped")
         else:
             fixed, basis = boundary, null_space
-            if freeze_interfaces:
+            if options.freeze_interfaces:
                 fixed, basis = np.union1d(boundary, frozen_points(topology, null_space)), None
             descent = minimise_distortion(mesh, points, fixed, basis, seconds=budget.seconds_left())
             points = descent.points

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InfeasibleTargetError
-from ..fitting.fit import FREE, SMOOTH, FittedBoundary, fit_boundary
+from ..fitting.fit import FREE, SMOOTH_ANGLE, FittedBoundary, fit_boundary
 from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..geometry.outline import Outline
@@ -75,7 +75,7 @@ class SourceBoundary:
                 [loop.target.point(s) for loop, s in zip(registration.loops, images, strict=True)],
                 [loop.target.turn(s) for loop, s in zip(registration.loops, images, strict=True)],
                 self.single,
-                SMOOTH,
+                SMOOTH_ANGLE,
             )
         registration = replace(registration, warnings=(*registration.warnings, *notes))
         return Registered(registration, notes[0] if notes else None)

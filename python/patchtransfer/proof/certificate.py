@@ -31,6 +31,7 @@ from ..errors import InputError
 from ..geometry.curve import BSplineCurve
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
+from ..numeric.arrays import finite_or_none
 from .welding import Welded, in_own_knots, weld
 
 if TYPE_CHECKING:
@@ -193,11 +194,11 @@ class Certificate:
         return {
             "injective": self.injective,
             "status": self.status,
-            "lower_bound": self.lower_bound if np.isfinite(self.lower_bound) else None,
+            "lower_bound": finite_or_none(self.lower_bound),
             "cells": [
                 asdict(cell)
                 | {"bounds": list(cell.bounds), "point": list(cell.point)}
-                | {"value": cell.value if np.isfinite(cell.value) else None}
+                | {"value": finite_or_none(cell.value)}
                 for cell in self.cells
             ],
             "reasons": list(self.reasons),

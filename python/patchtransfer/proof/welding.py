@@ -6,7 +6,6 @@ has one number for both.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ import numpy as np
 from ..geometry.combinatorics import Quantity
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
-from ..geometry.sides import Interface
+from ..geometry.strips import strips
 from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray
 
@@ -96,7 +95,7 @@ def _common_knots(topology: Topology) -> _CommonKnots:
     knots: list[tuple[FloatArray, FloatArray]] = [patch.knots for patch in topology.patches]
     found: list[int] = []
     largest = 0.0
-    for strip in _strips(topology.interfaces) if any(gaps) else ():
+    for strip in strips(topology) if any(gaps) else ():
         inside = [i for i in strip.interfaces if gaps[i] > 0.0]
         if not inside or max(gaps[i] for i in inside) > KNOT_ULPS * EPS / 2:
             continue
@@ -129,43 +128,6 @@ class _CommonKnots(NamedTuple):
     knots: list[tuple[FloatArray, FloatArray]] | None
     gaps: list[float]
     notes: list[str]
-
-
-class _Strip(NamedTuple):
-    """Patches that knots run across: members (patch, axis), each with whether it runs against the first one.
-
-    `twisted`: some also run against themselves, as on a Möbius band.
-    """
-
-    members: dict[tuple[int, int], bool]
-    interfaces: list[int]
-    twisted: bool
-
-
-def _strips(interfaces: Sequence[Interface]) -> list[_Strip]:
-    beside: dict[tuple[int, int], list[tuple[int, tuple[int, int]]]] = defaultdict(list)
-    for i, f in enumerate(interfaces):
-        a, b = (f.patch_a, f.side_a.axis), (f.patch_b, f.side_b.axis)
-        beside[a].append((i, b))
-        beside[b].append((i, a))
-    strips: list[_Strip] = []
-    seen: set[tuple[int, int]] = set()
-    for first in sorted(beside):
-        if first in seen:
-            continue
-        members, twisted, queue = {first: False}, False, [first]
-        inside: set[int] = set()
-        for here in queue:
-            for i, there in beside[here]:
-                inside.add(i)
-                flipped = members[here] != interfaces[i].reversed
-                if there not in members:
-                    members[there] = flipped
-                    queue.append(there)
-                twisted |= members[there] != flipped
-        seen |= members.keys()
-        strips.append(_Strip(members, sorted(inside), twisted))
-    return strips
 
 
 def _frozen(array: FloatArray) -> FloatArray:

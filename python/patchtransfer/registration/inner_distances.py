@@ -29,6 +29,8 @@ SHORT, HALVINGS = 1e-4, 3
 STRETCH, TURNING, DAMPING = 0.03, 1.0, 1e-6
 #: Squared distance (relative to the root mean square) that softens the weight 1/d².
 SOFT = 0.02
+#: Step, in parts of the loop, of the differences that give the turning's slope: a tenth of its smallest window.
+DIFFERENCE = 0.002
 #: Distances below this many steps between nodes are left to the stretch term: interpolation cannot tell them.
 NEAR = 12.0
 
@@ -178,7 +180,7 @@ class _Distances:
         energy, first = 0.0, 0
         for t, y, wanted, weight in zip(self.partners, x, self.turning, self.turning_weight, strict=True):
             outline, n = self.target.outlines[t], len(y)
-            h = 0.002 * outline.length
+            h = DIFFERENCE * outline.length
             found = turning(outline, np.concatenate([y - h, y, y + h])).reshape(3, n, -1)
             residual, slope = found[1] - wanted, (found[2] - found[0]) / (2 * h)
             energy += float((weight * residual**2).sum())

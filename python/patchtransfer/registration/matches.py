@@ -18,7 +18,7 @@ import numpy as np
 from .._core import Matching
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.dense import product
-from .inner_distances import energy_of, slide
+from .inner_distances import SOFT, energy_of, slide
 from .sampled_boundary import BoundaryShape, image_of, turning
 
 __all__ = ["Match", "WholeMatch", "match_hole", "match_outer", "pair_holes", "rank_with_holes", "smooth"]
@@ -27,7 +27,7 @@ __all__ = ["Match", "WholeMatch", "match_hole", "match_outer", "pair_holes", "ra
 #: Quantiles of the distance descriptor.
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
 #: Weights: turning and distance descriptors, distances to matched points, corner angles, stretch.
-TURNING, SURROUNDINGS, DISTANCES, CORNERS, STRETCH = 1.0, 4.0, 4.0, 0.03, 0.05
+TURNING, SURROUNDINGS, DISTANCES, CORNER_WEIGHT, STRETCH = 1.0, 4.0, 4.0, 0.03, 0.05
 #: Weight that descriptors keep once there is a matching.
 REMEMBERED = 0.3
 #: Part of the loop by which a matching may stray from equal fractions of arc length.
@@ -40,8 +40,16 @@ HOPELESS, HOPE = 3.0, 0.003
 SAME = 0.01
 #: Matchings this close in score, relatively and absolutely, are equally good.
 TIE, TIE_SCORE = 0.1, 1e-6
+#: A score below this is rounding.
+NO_SCORE = 1e-9
 #: Weight of the bending energy in the last slide.
 BENDING = 0.01
+#: Rounds of turning a matching back until it means no rotation: what is left falls by far in each.
+PLACING_ROUNDS = 4
+#: Starts nearer to each other than one part in so many of the loop end alike.
+STARTS_AROUND = 48
+#: Starts of a hole that are worked out; its place among the inner distances leaves few.
+HOLE_STARTS = 2
 #: Outlines are nearly round when 4 pi area / length² is at least this; how much worse the score may be without any
 #: rotation then.
 ROUND, ROUND_SCORE = 0.95, 1.5
@@ -124,7 +132,7 @@ def match_outer(source: BoundaryShape, target: BoundaryShape, fixed: FloatArray)
     if not _turns_freely(source, ranked[0], fixed):
         return ranked
     placed = _as_placed(source, target, ranked[0])
-    return [placed, *ranked] if placed.score <= ROUND_SCORE * ranked[0].score + 1e-9 else ranked
+    return [placed, *ranked] if placed.score <= ROUND_SCORE * ranked[0].score + NO_SCORE else ranked
 
 
 def rank_with_holes(
@@ -230,7 +238,7 @@ def _as_placed(source: BoundaryShape, target: BoundaryShape, match: Match) -> Ma
     On a nearly round outline shape hardly tells the start.
     """
     anchors, length = match.anchors, target.outlines[0].length
-    for _ in range(4):
+    for _ in range(PLACING_ROUNDS):
         turned = _rotation(source, target, Match(anchors, match.corners, 0.0))
         anchors = anchors - [0.0, turned / (2 * np.pi) * length]
     anchors = np.column_stack([anchors[:, 0], anchors[:, 1] - np.floor(anchors[0, 1] / length) * length])
@@ -246,7 +254,9 @@ def match_hole(
     matched = image_of(outer, source.s[0])
     cost = DISTANCES * _profiles(source, target, k, partner, matched)
     cost += REMEMBERED * _descriptors(source, target, k, partner)
-    found = [pair.match(*solved) for start in pair.starts(cost, ())[:2] if (solved := pair.solve(cost, [start]))]
+    found = [
+        pair.match(*solved) for start in pair.starts(cost, ())[:HOLE_STARTS] if (solved := pair.solve(cost, [start]))
+    ]
     return sorted(found, key=lambda match: match.score)
 
 
@@ -305,8 +315,8 @@ class _Pair:
     def problem(self, cost: FloatArray) -> Matching:
         a, b = self.source.turn[self.k], self.target.turn[self.partner]
         either = (a != 0)[:, None] | (b != 0)
-        point = np.where(either, CORNERS * (a[:, None] - b) ** 2, 0.0)
-        skip_a, skip_b = CORNERS * a**2, CORNERS * b**2
+        point = np.where(either, CORNER_WEIGHT * (a[:, None] - b) ** 2, 0.0)
+        skip_a, skip_b = CORNER_WEIGHT * a**2, CORNER_WEIGHT * b**2
         if len(self.fixed):
             i = self.source.nearest_node(self.k, self.fixed[:, 0])
             j = self.target.nearest_node(self.partner, self.fixed[:, 1])
@@ -330,7 +340,7 @@ class _Pair:
         low = np.flatnonzero((scan <= np.roll(scan, 1)) & (scan <= np.roll(scan, -1)) & np.isfinite(scan))
         found: list[int] = []
         for j in tried[low[np.argsort(scan[low], kind="stable")]]:
-            if all(min((j - i) % n, (i - j) % n) > n // 48 for i in found):
+            if all(min((j - i) % n, (i - j) % n) > n // STARTS_AROUND for i in found):
                 found.append(int(j))
         return list(dict.fromkeys([*aligned, *found[:CANDIDATES]]))
 
@@ -355,7 +365,7 @@ class _Pair:
         a, b = self.source.turn[self.k], self.target.turn[self.partner]
         i, j = path[:-1, 0] % len(a), path[:-1, 1] % len(b)
         passed = (a**2).sum() - (a[i] ** 2).sum() + (b**2).sum() - (b[j] ** 2).sum()
-        return float(CORNERS * (passed + ((a[i] - b[j]) ** 2).sum()))
+        return float(CORNER_WEIGHT * (passed + ((a[i] - b[j]) ** 2).sum()))
 
     def slid(self, path: IntArray) -> Match:
         """The matching after all points but corners slid."""
@@ -412,7 +422,7 @@ def _profiles(source: BoundaryShape, target: BoundaryShape, k: int, partner: int
     index, fraction = target.locate(0, matched)
     block = target.distances[target.rows(partner), target.rows(0)]
     y = block[:, index] * (1 - fraction) + block[:, (index + 1) % block.shape[1]] * fraction
-    w = source.shares(0) / (x**2 + 0.02)
+    w = source.shares(0) / (x**2 + SOFT)
     w /= w.sum(axis=1, keepdims=True)
     squared = (w * x * x).sum(axis=1)[:, None] - 2 * product(w * x, y.T) + product(w, (y * y).T)
     # Rounding leaves tiny negative numbers on similar shapes.

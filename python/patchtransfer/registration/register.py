@@ -33,6 +33,12 @@ __all__ = ["LoopRegistration", "Registration", "RunnerUp", "register"]
 SHORTEST = 1e-9
 #: Below this confidence a warning asks for landmarks.
 AMBIGUOUS = 0.05
+#: Places, or lengths, that differ by less than this part of a loop are one.
+SAME_PLACE = 1e-6
+#: A joint nearer to a matched corner than this part of the loop tells nothing that the corner does not.
+NEAR_CORNER = 0.01
+#: A score that is as good as none: of two matches better than this none is preferred with any confidence.
+NO_SCORE = 1e-6
 #: A loop with fewer matched corners has some of its joints among its landmarks.
 FEW_LANDMARKS, JOINT_LANDMARKS = 4, 8
 
@@ -236,7 +242,7 @@ def _correspondences(
 def _covers_joints(outline: Outline, anchors: FloatArray) -> bool:
     """Whether every joint of a loop is an anchor."""
     gap = cyclic_gap(outline.joints[:-1], anchors[:-1, 0], outline.length)
-    return bool((gap < 1e-6 * outline.length).all())
+    return bool((gap < SAME_PLACE * outline.length).all())
 
 
 def _match_shapes(
@@ -276,7 +282,7 @@ def _confidence(best: Match, second: Match | None) -> float:
     """How much better the best matching is than the second, from 0 to 1."""
     # Candidates that are not worked out are at least this bad.
     other = HOPELESS * best.score + HOPE if second is None else second.score
-    return float(np.clip((other - best.score) / (other + 1e-6), 0, 1))
+    return float(np.clip((other - best.score) / (other + NO_SCORE), 0, 1))
 
 
 def _landmark_rows(source: Outline, target: Outline, anchors: FloatArray, features: FloatArray) -> FloatArray:
@@ -285,7 +291,7 @@ def _landmark_rows(source: Outline, target: Outline, anchors: FloatArray, featur
     if len(pairs) < FEW_LANDMARKS:
         joints = source.joints[:-1]
         joints = joints[np.unique(np.linspace(0, len(joints), JOINT_LANDMARKS, endpoint=False).astype(int))]
-        joints = joints[cyclic_gap(joints, pairs[:, 0], source.length) > 0.01 * source.length]
+        joints = joints[cyclic_gap(joints, pairs[:, 0], source.length) > NEAR_CORNER * source.length]
         pairs = np.concatenate([pairs, np.column_stack([joints, image_of(anchors, joints)])])
     return np.concatenate([source.point(pairs[:, 0]), target.point(pairs[:, 1])], axis=1)
 
@@ -338,9 +344,9 @@ def _check_loops(outlines: Sequence[Outline]) -> None:
             raise InputError(f"target boundary: loop {k} encloses no area: it lies on one line; correct it")
         for j, other in enumerate(outlines[:k]):
             # Most pairs differ in length or place: measuring distances is for the few that do not.
-            if abs(outline.length - other.length) <= 1e-6 * outline.length and _overlap(boxes[j], boxes[k]):
+            if abs(outline.length - other.length) <= SAME_PLACE * outline.length and _overlap(boxes[j], boxes[k]):
                 distance = other.nearest(outline.polygon(64))[1].max()
-                if distance <= 1e-6 * outline.length:
+                if distance <= SAME_PLACE * outline.length:
                     raise InputError(f"target boundary: loops {j} and {k} lie on each other; delete one of them")
 
 
@@ -362,7 +368,7 @@ def _on_a_line(outline: Outline) -> bool:
 def _place_marked(loop: LoopRegistration) -> FloatArray:
     """Anchors with every maximal run of marked curves placed by arc length between its end points (paper §3.2)."""
     joints, source = loop.source.joints, loop.source
-    tolerance = 1e-6 * source.length
+    tolerance = SAME_PLACE * source.length
     landmarks = np.mod(loop.anchors[:-1, 0], source.length)
     inside = (landmarks[:, None] > joints[:-1] + tolerance) & (landmarks[:, None] < joints[1:] - tolerance)
     marked = inside.any(axis=0)

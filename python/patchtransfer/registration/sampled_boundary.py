@@ -17,6 +17,8 @@ __all__ = ["BoundaryShape", "cyclic_gap", "image_of", "turning"]
 SAMPLES, HOLE_SAMPLES, FEWEST_SAMPLES, ALL_HOLES = 160, 32, 8, 320
 #: Corners of a loop that become nodes at most, the sharpest ones.
 MAX_CORNERS = 96
+#: Corners nearer to a landmark, and regular nodes nearer to others, than these parts of a step are left out.
+SAME_NODE, CROWDED = 0.1, 0.4
 #: Windows of the turning descriptor, in parts of the loop's length.
 WINDOWS = (1 / 48, 1 / 24, 1 / 12, 1 / 6)
 
@@ -122,8 +124,8 @@ def _nodes(outline: Outline, n: int, extra: FloatArray) -> FloatArray:
     at = at[np.argsort(-abs(turn), kind="stable")[:MAX_CORNERS]]
     step = outline.length / n
     # A corner at a landmark is the same node.
-    fixed = np.concatenate([extra, at[cyclic_gap(at, extra, outline.length) > 0.1 * step]])
+    fixed = np.concatenate([extra, at[cyclic_gap(at, extra, outline.length) > SAME_NODE * step]])
     regular = np.arange(n, dtype=np.float64) * step
-    nodes = np.concatenate([fixed, regular[cyclic_gap(regular, fixed, outline.length) > 0.4 * step]])
+    nodes = np.concatenate([fixed, regular[cyclic_gap(regular, fixed, outline.length) > CROWDED * step]])
     start = extra[0] if len(extra) else 0.0
     return np.asarray(start + np.sort(np.mod(nodes - start, outline.length)))

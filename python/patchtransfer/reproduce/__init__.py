@@ -25,7 +25,8 @@ from ..files import json_text, write_atomic
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..iga import PoissonResult, poisson
-from ..measure.quality import Quality, Statistics, finite_or_none, quality, sample
+from ..measure.quality import Quality, Statistics, quality, sample
+from ..numeric.arrays import finite_or_none
 from ..pipeline.plan import TransferPlan
 from ..pipeline.result import TransferResult
 from ..plot import figures as plot

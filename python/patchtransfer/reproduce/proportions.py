@@ -9,30 +9,16 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
+from ..geometry.strips import strips
 from ..numeric.arrays import FloatArray
-from ..numeric.components import components
 
-__all__ = ["condition_number_to_scale", "strips"]
+__all__ = ["condition_number_to_scale"]
 
 #: Samples a knot span and direction, ends included; those of `quality`.
 SAMPLES = 10
-
-
-def strips(mp: MultiPatch) -> NDArray[np.int64]:
-    """Number (m, 2) of the strip of every patch in u and in v: directions that interfaces tie to each other."""
-
-    def along(patch: int, side: int) -> int:
-        # Sides 1 and 2 run in v, 3 and 4 in u.
-        return 2 * patch + (side <= 2)
-
-    ends = np.array(
-        [(along(f.patch_a, int(f.side_a)), along(f.patch_b, int(f.side_b))) for f in mp.interfaces], dtype=np.int64
-    ).reshape(-1, 2)
-    return components(2 * len(mp), ends[:, 0], ends[:, 1]).reshape(-1, 2)
 
 
 def condition_number_to_scale(mp: MultiPatch) -> float:
@@ -47,10 +33,11 @@ def condition_number_to_scale(mp: MultiPatch) -> float:
         Injective, without weights.
     """
     derivatives = [_derivatives(patch) for patch in mp.patches]
-    strip = strips(mp)
+    strip = np.empty((len(mp), 2), np.int64)
+    for number, found in enumerate(strips(mp.topology)):
+        strip[tuple(np.array(list(found.members)).T)] = number
     logs = np.array([[np.log(np.linalg.norm(d, axis=-1)).mean() for d in pair] for pair in derivatives])
-    number = np.bincount(strip.ravel())
-    length = np.exp(np.bincount(strip.ravel(), logs.ravel()) / number)
+    length = np.exp(np.bincount(strip.ravel(), logs.ravel()) / np.bincount(strip.ravel()))
     values = []
     for (du, dv), (a, b) in zip(derivatives, length[strip], strict=True):
         u, v = du / a, dv / b

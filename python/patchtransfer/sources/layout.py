@@ -37,7 +37,7 @@ LARGEST = 1e150
 #: Edges shorter than this (relative to the largest coordinate) have no direction left.
 SHORTEST = 1e-14
 #: Rounds of measuring the patches' rectangles anew and optimising against them.
-ROUNDS = 3
+MEASURING_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +214,7 @@ def from_layout(
     _check_corners(layout, start, boundary, landmarks)
     result: TransferResult | None = None
     shape = start
-    for _ in range(ROUNDS):
+    for _ in range(MEASURING_ROUNDS):
         # The sides of the rectangles follow the patches, which follow the rectangles.
         plan = TransferPlan(start, "c0", reference=rectangles(shape))
         result = plan.transfer(boundary, landmarks, fit_tolerance=fit_tolerance, on_failure=on_failure)
