@@ -183,7 +183,7 @@ def _turned(net: FloatArray, corners: IntArray, wanted: IntArray) -> FloatArray:
 def _centroid(polygon: FloatArray) -> FloatArray:
     (x, y), (x1, y1) = polygon.T, np.roll(polygon, -1, axis=0).T
     weight = x * y1 - x1 * y
-    return np.array([((x + x1) * weight).sum(), ((y + y1) * weight).sum()]) / (3 * weight.sum())
+    return np.asarray([((x + x1) * weight).sum(), ((y + y1) * weight).sum()] / (3 * weight.sum()))
 
 
 def _reflection(axis: float) -> FloatArray:
