@@ -3,13 +3,13 @@
 The layout's straight-sided quads are a multi-patch already, so they are carried onto the boundary by the package's own
 pipeline: the layout's boundary vertices are the landmarks, the fit, the optimiser and the certificate are those of a
 transfer. Only the reference differs: distortion is measured against a rectangle for every patch, not against the quad.
+Quads that have to be bent, known by their connectivity and the places of boundary vertices, are drawn with straight
+sides first.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,145 +20,26 @@ from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..geometry.outline import Outline
 from ..geometry.patch import Patch
-from ..limits import MAX_DEGREE, MAX_LAYOUT_POINTS, MAX_QUADS, at_most
-from ..numeric.arrays import FloatArray, IntArray, frozen_array
+from ..numeric.arrays import FloatArray
 from ..pipeline.plan import TransferPlan
 from ..pipeline.result import TransferResult
 from ..registration.landmarks import SNAP_DISTANCE
 from ..registration.register import register
+from .drawing import circle_drawing, harmonic_drawing
+from .layout_places import LoopPlaces, off_boundary, places_on_boundary
+from .quad_layout import QuadLayout, bilinear_patches, convex
 
-__all__ = ["QuadLayout", "from_layout"]
+__all__ = ["QuadLayout", "from_layout", "rectangles"]
 
 
 #: A boundary corner this close to a layout vertex (relative to the loop's length) is at the vertex.
 AT_VERTEX = 5e-3
-#: Largest coordinate: squares do not overflow.
-LARGEST = 1e150
-#: Edges shorter than this (relative to the largest coordinate) have no direction left.
-SHORTEST = 1e-14
 #: Rounds of measuring the patches' rectangles anew and optimising against them.
 MEASURING_ROUNDS = 3
 
 
-@dataclass(frozen=True, eq=False)
-class QuadLayout:
-    """Conforming quads of the plane.
-
-    Parameters
-    ----------
-    vertices : (n, 2) array
-    quads : (m, 4) array of int
-        Vertices of every quad, counter-clockwise; the first edge becomes the direction u of its patch.
-
-    Raises
-    ------
-    InputError
-        On quads that are inverted, not convex or share an edge the wrong way, naming them, and on vertices that lie
-        inside an edge (the layout does not conform).
-    """
-
-    vertices: FloatArray
-    quads: IntArray
-
-    def __init__(self, vertices: ArrayLike, quads: ArrayLike) -> None:
-        points = frozen_array(vertices, "layout vertices")
-        try:
-            corners = np.array(quads)
-        except ValueError:
-            # Rows of different lengths.
-            raise InputError("layout quads must be integers of shape (m, 4)") from None
-        if points.ndim != 2 or points.shape[1] != 2:
-            raise InputError(f"layout vertices must have shape (n, 2), got {points.shape}")
-        if (
-            corners.ndim != 2
-            or corners.shape[1] != 4
-            or not np.issubdtype(corners.dtype, np.integer)
-            or not len(corners)
-        ):
-            raise InputError(f"layout quads must be integers of shape (m, 4), got shape {corners.shape}")
-        if corners.min() < 0 or corners.max() >= len(points):
-            raise InputError(f"layout quads use vertices {corners.min()} to {corners.max()} of {len(points)}")
-        object.__setattr__(self, "vertices", points)
-        object.__setattr__(self, "quads", corners.astype(np.int64))
-        self._check()
-
-    @property
-    def edges(self) -> IntArray:
-        """Directed edges (4 m, 2), four a quad, counter-clockwise."""
-        return np.stack([self.quads, np.roll(self.quads, -1, axis=1)], axis=2).reshape(-1, 2)
-
-    @property
-    def boundary_edges(self) -> IntArray:
-        """Directed edges that belong to one quad, the domain on their left."""
-        twins = {(int(b), int(a)) for a, b in self.edges}
-        return np.array([e for e in self.edges if (int(e[0]), int(e[1])) not in twins])
-
-    @property
-    def boundary_vertices(self) -> list[int]:
-        """Vertices on the boundary, sorted."""
-        return sorted(set(self.boundary_edges.ravel().tolist()))
-
-    def _check(self) -> None:
-        size = float(np.abs(self.vertices).max())
-        if not size <= LARGEST:
-            raise InputError(f"layout vertex {int(np.abs(self.vertices).max(axis=1).argmax())} is beyond {LARGEST:g}")
-        # By a power of two: products do not underflow.
-        vertices = np.ldexp(self.vertices, -int(np.frexp(size)[1]))
-        lengths = np.linalg.norm(np.diff(vertices[self.edges], axis=1)[:, 0], axis=1)
-        if lengths.min() <= SHORTEST:
-            a, b = self.edges[int(lengths.argmin())]
-            raise InputError(
-                f"layout edge ({a}, {b}) has no length beside the others; move its vertices or delete its quads"
-            )
-        corners = vertices[self.quads]
-        out, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
-        cross = out[..., 0] * back[..., 1] - out[..., 1] * back[..., 0]
-        size = np.linalg.norm(out, axis=2) * np.linalg.norm(back, axis=2)
-        bad = np.flatnonzero((cross <= 1e-12 * size).any(axis=1))
-        if len(bad):
-            turned = (cross[bad[0]] < 0).all()
-            raise InputError(
-                f"layout quad {bad[0]} {self.quads[bad[0]].tolist()} is "
-                + ("inverted: list its vertices counter-clockwise" if turned else "not convex: move its vertices")
-            )
-        for (a, b), count in Counter(map(tuple, self.edges.tolist())).items():
-            if count > 1:
-                raise InputError(
-                    f"layout edge ({a}, {b}) belongs to {count} quads on the same side; quads overlap there"
-                )
-        ends = vertices[self.boundary_edges]
-        along = ends[:, 1] - ends[:, 0]
-        for v in self.boundary_vertices:
-            offset = vertices[v] - ends[:, 0]
-            t = (offset * along).sum(axis=1) / (along**2).sum(axis=1)
-            distance = np.linalg.norm(offset - t[:, None] * along, axis=1) / np.linalg.norm(along, axis=1)
-            inside = np.flatnonzero((t > 1e-6) & (t < 1 - 1e-6) & (distance < 1e-6))
-            if len(inside):
-                a, b = self.boundary_edges[inside[0]]
-                raise InputError(
-                    f"the layout does not conform: vertex {v} lies inside edge ({a}, {b}); split the quad there"
-                )
-
-    def multipatch(self, degree: int = 3, spans: int = 2) -> MultiPatch:
-        """The quads as bilinear patches, written with uniform knots of the given degree."""
-        if degree < 1 or spans < 1:
-            raise InputError(f"degree and spans must be at least 1, got {degree} and {spans}")
-        at_most(degree, MAX_DEGREE, "as degree", "take a lower one (2 or 3 are usual)")
-        at_most(len(self.quads), MAX_QUADS, "quads", "take larger ones and more spans in each")
-        count = len(self.quads) * (degree + spans) ** 2
-        at_most(count, MAX_LAYOUT_POINTS, "control points", "take fewer spans")
-        knots = np.concatenate([np.zeros(degree), np.linspace(0, 1, spans + 1), np.ones(degree)])
-        t = greville(knots, degree)
-        u, v = t[:, None, None], t[None, :, None]
-        patches = []
-        for a, b, c, d in self.vertices[self.quads]:
-            points = (1 - u) * (1 - v) * a + u * (1 - v) * b + u * v * c + (1 - u) * v * d
-            patches.append(Patch((knots, knots), (degree, degree), points))
-        return MultiPatch(patches)
-
-
 def from_layout(
-    vertices: ArrayLike,
+    vertices: ArrayLike | None,
     quads: ArrayLike,
     boundary: Boundary,
     degree: int = 3,
@@ -172,17 +53,19 @@ def from_layout(
 
     Parameters
     ----------
-    vertices : (n, 2) array
-        Layout vertices; those on the outline lie within 1 % of the diameter of the boundary curves.
+    vertices : (n, 2) array or None
+        Layout vertices; those on the outline lie within 1 % of the diameter of the boundary curves. None, or guesses
+        only, where `assignment` names all boundary vertices.
     quads : (m, 4) array of int
-        Conforming convex quads, counter-clockwise.
+        Conforming quads, counter-clockwise; convex at `vertices`, unless `assignment` names all boundary vertices.
     boundary : Boundary
         Closed loops in any order, sense and segmentation.
     degree : int, default 3
     spans : int, default 2
         Knot spans of every patch and direction; knots are uniform and simple.
     assignment : mapping, optional
-        Boundary points (x, y) of boundary vertices that are not to go to the nearest one.
+        Boundary points (x, y) of boundary vertices that are not to go to the nearest one. With all boundary vertices
+        named, any quads that form a disk with holes will do, as those of `QuadLayout.abstract`.
     fit_tolerance, on_failure
         As in `transfer`.
 
@@ -195,7 +78,7 @@ def from_layout(
     ------
     InputError
         On layouts that do not conform, inverted quads, boundary vertices off the boundary, and boundary corners inside
-        a layout edge.
+        a layout edge; on assignments that leave out or exchange vertices where quads are not convex.
     InfeasibleTargetError, NotCertifiedError
         As in `transfer`.
 
@@ -207,32 +90,93 @@ def from_layout(
     >>> result = from_layout(square, [[0, 1, 2, 3]], Boundary([sides]), degree=2)
     >>> result.certificate.status, round(result.quality.scaled_jacobian.min, 9)
     ('certified', 1.0)
+
+    A disk by its connectivity, a square inside four quads at the rim:
+
+    >>> t = np.linspace(0, 2 * np.pi, 33)
+    >>> points = np.column_stack([np.cos(t), np.sin(t)])
+    >>> rim = [BSplineCurve([0, 0, 1, 1], 1, points[[k, k + 1]]) for k in range(32)]
+    >>> quads = [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7]]
+    >>> quarters = {0: (1, 0), 1: (0, 1), 2: (-1, 0), 3: (0, -1)}
+    >>> from_layout(None, quads, Boundary([rim]), assignment=quarters).certificate.status
+    'certified'
     """
-    layout = QuadLayout(vertices, quads)
-    start = layout.multipatch(degree, spans)
-    landmarks = _landmarks(layout, boundary, assignment or {})
+    assignment = assignment or {}
+    layout = _layout(vertices, quads, assignment)
+    if vertices is not None and layout.straight:
+        start = layout.multipatch(degree, spans)
+        shape, landmarks = rectangles(start), _landmarks(layout, boundary, assignment)
+    else:
+        places = places_on_boundary(layout.graph, boundary, assignment)
+        guess = _guess(layout, places)
+        shape = [_rectangle(patch, 1) for patch in bilinear_patches(guess, layout.quads, degree, spans)]
+        layout = _drawn(layout, places, guess)
+        start = layout.multipatch(degree, spans)
+        landmarks = np.concatenate([np.column_stack([layout.vertices[x.vertices], x.points]) for x in places])
     _check_corners(layout, start, boundary, landmarks)
     result: TransferResult | None = None
-    shape = start
     for _ in range(MEASURING_ROUNDS):
         # The sides of the rectangles follow the patches, which follow the rectangles.
-        plan = TransferPlan(start, "c0", reference=rectangles(shape))
+        plan = TransferPlan(start, "c0", reference=shape)
         result = plan.transfer(boundary, landmarks, fit_tolerance=fit_tolerance, on_failure=on_failure)
-        shape = result.multipatch
+        shape = rectangles(result.multipatch)
     assert result is not None
     return result
 
 
+def _layout(vertices: ArrayLike | None, quads: ArrayLike, assignment: Mapping[int, Sequence[float]]) -> QuadLayout:
+    """Straight quads if they are convex; others if all boundary vertices have a place."""
+    if vertices is None:
+        return QuadLayout.abstract(quads, None, assignment)
+    try:
+        return QuadLayout(vertices, quads)
+    except InputError:
+        if not assignment:
+            raise
+        layout = QuadLayout.abstract(quads, vertices, assignment)
+        if not set(layout.boundary_vertices) <= set(assignment):
+            raise
+        return layout
+
+
+def _guess(layout: QuadLayout, places: Sequence[LoopPlaces]) -> FloatArray:
+    """Vertices where they may come to lie: on the boundary as assigned, inside as given or harmonic."""
+    on_boundary = {v: point for loop in places for v, point in zip(loop.vertices, loop.points, strict=True)}
+    given = layout.vertices.copy()
+    given[list(on_boundary)] = list(on_boundary.values())
+    harmonic = given.copy()
+    harmonic[: len(layout.graph.valence)] = harmonic_drawing(layout.graph, on_boundary)
+    # Those given may be of a drawing elsewhere.
+    return max((given, harmonic), key=lambda vertices: np.count_nonzero(convex(vertices, layout.quads)))
+
+
+def _drawn(layout: QuadLayout, places: Sequence[LoopPlaces], guess: FloatArray) -> QuadLayout:
+    """The layout with straight convex quads, an injective source whatever its shape."""
+    if convex(guess, layout.quads).all():
+        return QuadLayout(guess, layout.quads)
+    outer = next(loop for loop in places if loop.outer)
+    drawing = circle_drawing(layout.graph, outer.vertices, outer.lengths)
+    bad = np.flatnonzero(~convex(drawing, layout.quads))
+    if len(bad):
+        raise InputError(
+            f"layout quad {bad[0]} {layout.quads[bad[0]].tolist()} cannot be drawn with straight convex sides: two of "
+            "its vertices cut a part of the layout off the rest; split the quad"
+        )
+    return QuadLayout(drawing, layout.quads)
+
+
 def rectangles(multipatch: MultiPatch) -> list[Patch]:
     """For every patch a rectangle with its mean side lengths, on its knots and with its orientation."""
-    out = []
-    for patch, sign in zip(multipatch.patches, multipatch.topology.orientation, strict=True):
-        c = patch.control_points
-        width, height = (np.linalg.norm(np.diff(c, axis=a), axis=2).sum(axis=a).mean() for a in (0, 1))
-        grid = np.meshgrid(*(greville(k, p) for k, p in zip(patch.knots, patch.degrees, strict=True)), indexing="ij")
-        lengths = np.array([float(np.ptp(knot_spans(k))) for k in patch.knots])
-        out.append(patch.with_control_points(np.stack(grid, axis=2) * ([width, sign * height] / lengths)))
-    return out
+    pairs = zip(multipatch.patches, multipatch.topology.orientation, strict=True)
+    return [_rectangle(patch, int(sign)) for patch, sign in pairs]
+
+
+def _rectangle(patch: Patch, sign: int) -> Patch:
+    c = patch.control_points
+    width, height = (np.linalg.norm(np.diff(c, axis=a), axis=2).sum(axis=a).mean() for a in (0, 1))
+    grid = np.meshgrid(*(greville(k, p) for k, p in zip(patch.knots, patch.degrees, strict=True)), indexing="ij")
+    lengths = np.array([float(np.ptp(knot_spans(k))) for k in patch.knots])
+    return patch.with_control_points(np.stack(grid, axis=2) * ([width, sign * height] / lengths))
 
 
 def _landmarks(layout: QuadLayout, boundary: Boundary, assignment: Mapping[int, Sequence[float]]) -> FloatArray:
@@ -248,12 +192,7 @@ def _landmarks(layout: QuadLayout, boundary: Boundary, assignment: Mapping[int, 
     best = distance.argmin(axis=0)
     worst = int(distance.min(axis=0).argmax())
     if distance[best[worst], worst] > SNAP_DISTANCE * boundary.diameter:
-        x, y = wanted[worst]
-        raise InputError(
-            f"layout vertex {on_boundary[worst]} at ({x:g}, {y:g}) is {distance[best[worst], worst]:.3g} off the "
-            f"boundary (allowed: {SNAP_DISTANCE:.0%} of the diameter, {SNAP_DISTANCE * boundary.diameter:.3g}); move "
-            "it, or assign it a boundary point"
-        )
+        raise off_boundary(on_boundary[worst], wanted[worst], distance[best[worst], worst], boundary.diameter)
     images = np.array([outlines[k].point(found[k][0][i]) for i, k in enumerate(best)])
     return np.column_stack([layout.vertices[on_boundary], images])
 
