@@ -1,11 +1,11 @@
 //! Criterion benches of the core's kernels: `cargo bench -p patchtransfer-core`.
 use criterion::{Criterion, criterion_group, criterion_main};
-use patchtransfer_core::injectivity::{Limits, certify_patch};
-use patchtransfer_core::local_global::LocalGlobal;
+use patchtransfer_core::mesh::local_global::LocalGlobal;
+use patchtransfer_core::mesh::triangulation::triangulate;
+use patchtransfer_core::numeric::ssvd;
 use patchtransfer_core::optimizer::{Model, Settings, SplineOptimizer};
+use patchtransfer_core::proof::injectivity::{Limits, certify_patch};
 use patchtransfer_core::spline::{SplinePatch, bezier_extract};
-use patchtransfer_core::ssvd;
-use patchtransfer_core::triangulation::triangulate;
 use std::ops::ControlFlow;
 
 fn extraction(c: &mut Criterion) {

@@ -1,13 +1,13 @@
-//! Bindings of `patchtransfer_core::boundary_fit`.
+//! Bindings of `patchtransfer_core::fitting::boundary_fit`.
 
 use crate::convert::points2;
 use crate::outline::Outline;
 use crate::threads;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
-use patchtransfer_core::boundary_fit::{BoundaryFit as Core, FEW_SIDES};
-use patchtransfer_core::sampled_basis::SampledBasis;
-use patchtransfer_core::side_fit::{Side, SideData};
+use patchtransfer_core::fitting::boundary_fit::{BoundaryFit as Core, FEW_SIDES};
+use patchtransfer_core::fitting::side_fit::{Side, SideData};
+use patchtransfer_core::spline::sampled_basis::SampledBasis;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

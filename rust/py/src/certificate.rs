@@ -1,9 +1,9 @@
 //! Bindings of `patchtransfer_core::{injectivity, simple_loops}`.
 
 use crate::threads;
-use patchtransfer_core::bernstein::MAX_DEGREE;
-use patchtransfer_core::injectivity::{self, CellKind, Limits};
-use patchtransfer_core::simple_loops::{self, MeetingKind, Place};
+use patchtransfer_core::proof::injectivity::{self, CellKind, Limits};
+use patchtransfer_core::proof::simple_loops::{self, MeetingKind, Place};
+use patchtransfer_core::spline::bernstein::MAX_DEGREE;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

@@ -7,8 +7,8 @@ use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1,
     PyReadwriteArray2, PyUntypedArrayMethods,
 };
-use patchtransfer_core::matching::Problem;
-use patchtransfer_core::{inner_distance, thin_plate};
+use patchtransfer_core::registration::matching::Problem;
+use patchtransfer_core::registration::{inner_distance, thin_plate};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -29,7 +29,7 @@ fn inner_distances<'py>(
 }
 
 /// Energy, gradient (n,) and Gauss–Newton matrix (n, n) of the distances between positions on a boundary; see
-/// `patchtransfer_core::inner_distance::compare_distances`.
+/// `patchtransfer_core::registration::inner_distance::compare_distances`.
 #[pyfunction]
 #[allow(clippy::type_complexity, clippy::too_many_arguments)]
 fn compare_distances<'py>(
@@ -105,7 +105,7 @@ fn add_bending(
     Ok(py.detach(|| thin_plate::add_bending(matrix, &points, &tangents, weight, gradient, hessian)))
 }
 
-/// Two closed sequences and the costs of matching them; see `patchtransfer_core::matching`.
+/// Two closed sequences and the costs of matching them; see `patchtransfer_core::registration::matching`.
 #[pyclass(frozen)]
 struct Matching {
     source: Vec<f64>,

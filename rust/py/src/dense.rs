@@ -1,4 +1,4 @@
-//! Bindings of `patchtransfer_core::dense`, for stacks of matrices.
+//! Bindings of `patchtransfer_core::numeric::dense`, for stacks of matrices.
 
 use crate::threads;
 use numpy::ndarray::{Array2, Array3};
@@ -6,7 +6,7 @@ use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
     PyUntypedArrayMethods,
 };
-use patchtransfer_core::dense::{self, Definite, NoConvergence, Svd};
+use patchtransfer_core::numeric::dense::{self, Definite, NoConvergence, Svd};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use rayon::prelude::*;

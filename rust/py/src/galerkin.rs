@@ -1,11 +1,11 @@
-//! Bindings of `patchtransfer_core::galerkin` and of the sparse Cholesky factorization.
+//! Bindings of `patchtransfer_core::spline::galerkin` and of the sparse Cholesky factorization.
 
 use crate::threads;
 use numpy::{
     IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
 };
-use patchtransfer_core::galerkin::{Galerkin as Core, MAX_ORDER, PatchSpace};
-use patchtransfer_core::sparse::Cholesky;
+use patchtransfer_core::numeric::sparse::Cholesky;
+use patchtransfer_core::spline::galerkin::{Galerkin as Core, MAX_ORDER, PatchSpace};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 

@@ -3,10 +3,11 @@
 use crate::threads::{self, Deadline};
 use numpy::ndarray::{Array1, Array2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
-use patchtransfer_core::laplacian::{self, MeshError};
-use patchtransfer_core::sparse::CscMatrix;
-use patchtransfer_core::triangulation::{self, Refinement, TriangulationError as CoreError};
-use patchtransfer_core::{local_global, ssvd};
+use patchtransfer_core::mesh::laplacian::{self, MeshError};
+use patchtransfer_core::mesh::local_global;
+use patchtransfer_core::mesh::triangulation::{self, Refinement, TriangulationError as CoreError};
+use patchtransfer_core::numeric::sparse::CscMatrix;
+use patchtransfer_core::numeric::ssvd;
 use pyo3::create_exception;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -153,7 +154,7 @@ fn project_bounded_distortion<'py>(
     Ok(rows(py, out))
 }
 
-/// A mesh with fixed vertices and constraints, factorized once; see `patchtransfer_core::local_global`.
+/// A mesh with fixed vertices and constraints, factorized once; see `patchtransfer_core::mesh::local_global`.
 #[pyclass]
 struct LocalGlobal(local_global::LocalGlobal);
 

@@ -4,8 +4,8 @@ use crate::mesh::{CscReadonly, csc, indices, mesh_error, rows, triangles3};
 use crate::threads::{self, Deadline};
 use numpy::ndarray::Array1;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
-use patchtransfer_core::closest_point::{Foot, MeshTree};
-use patchtransfer_core::distortion_descent::{self, Stop};
+use patchtransfer_core::mesh::closest_point::{Foot, MeshTree};
+use patchtransfer_core::mesh::distortion_descent::{self, Stop};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -46,7 +46,7 @@ fn closest_on_mesh<'py>(
     ))
 }
 
-/// A mesh prepared for lowering the conformal distortion; see `patchtransfer_core::distortion_descent`.
+/// A mesh prepared for lowering the conformal distortion; see `patchtransfer_core::mesh::distortion_descent`.
 #[pyclass]
 struct DistortionDescent(distortion_descent::DistortionDescent);
 

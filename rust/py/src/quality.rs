@@ -1,10 +1,10 @@
-//! Bindings of `patchtransfer_core::quality`.
+//! Bindings of `patchtransfer_core::spline::quality`.
 
 use crate::convert::{PatchTuple, one_a_patch, oriented, patch};
 use crate::threads;
 use numpy::ndarray::{Array2, Array3};
 use numpy::{IntoPyArray, PyArray2, PyArray3};
-use patchtransfer_core::quality::{self, Range};
+use patchtransfer_core::spline::quality::{self, Range};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

@@ -3,7 +3,7 @@
 //! Row by row: control points are contracted with the bases along u once for a row, and the curves that this gives
 //! are sampled along v, a knot span at a time. Both ends of every span belong to the grid, each seen from inside.
 
-use crate::lanes::{Kernel, fused, vectorized};
+use crate::numeric::lanes::{Kernel, fused, vectorized};
 use crate::spline::{SplinePatch, basis_on_span, spans};
 use rayon::prelude::*;
 

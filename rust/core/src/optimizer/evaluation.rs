@@ -1,8 +1,8 @@
 //! Sums over all strips: in parallel, added in the order of the strips whatever the number of threads.
 
-use crate::assembly::Assembly;
-use crate::elements::Elements;
-use crate::kernel::{Buffers, Evaluation, Order, Parameters, Summary};
+use crate::optimizer::assembly::Assembly;
+use crate::optimizer::elements::Elements;
+use crate::optimizer::strip_kernel::{Buffers, Evaluation, Order, Parameters, Summary};
 use rayon::prelude::*;
 
 /// Strips evaluated before their contributions are added.
@@ -92,7 +92,7 @@ impl Evaluator {
         &mut self,
         x: &[[f64; 2]],
         parameters: Parameters,
-        kind: crate::barrier::HessianKind,
+        kind: crate::distortion::HessianKind,
         assembly: &Assembly,
         values: &mut [f64],
     ) {

@@ -1,5 +1,10 @@
 //! Univariate B-spline bases and Bézier extraction, the ground everything else stands on.
 
+pub mod bernstein;
+pub mod galerkin;
+pub mod quality;
+pub mod sampled_basis;
+
 /// A tensor-product spline patch of the plane, control points in C order: `[i, j]` is `points[i * shape[1] + j]`
 /// with `i` along `u` and `j` along `v`.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,7 +4,7 @@
 //! (doi:10.1109/34.24792). The plate's saddle point system is solved in the space across the affine functions, where
 //! its matrix is positive definite.
 
-use crate::dense::Definite;
+use crate::numeric::dense::Definite;
 
 /// Root mean square distance of points from their centroid, and the points in units of it, about the centroid.
 fn normalised(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
@@ -149,7 +149,7 @@ pub fn add_bending(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dense::{product, solve};
+    use crate::numeric::dense::{product, solve};
     use proptest::prelude::*;
 
     const SLACK: f64 = 1e-4;

@@ -3,12 +3,12 @@
 //! Guarantees: the energy never increases for a given ε; once all nodes have det A > 0 no later iterate loses that.
 //! Not guaranteed: that a fold-free map is found, nor anything between the nodes; the certificate decides that.
 
-use crate::assembly::{Assembly, Reduced};
-use crate::barrier::HessianKind;
-use crate::evaluation::Evaluator;
-use crate::kernel::{Parameters, Summary};
-use crate::quasi_newton::Memory;
-use crate::sparse::{Cholesky, SparseError};
+use crate::distortion::HessianKind;
+use crate::numeric::quasi_newton::Memory;
+use crate::numeric::sparse::{Cholesky, SparseError};
+use crate::optimizer::assembly::{Assembly, Reduced};
+use crate::optimizer::evaluation::Evaluator;
+use crate::optimizer::strip_kernel::{Parameters, Summary};
 use std::ops::ControlFlow;
 
 /// ε once every node is fold-free: small enough to be a barrier, large enough to divide by.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::sparse::CooMatrix;
+use crate::numeric::sparse::CooMatrix;
 use crate::spline::SplinePatch;
 
 /// Two bicubic patches of `spans`² spans side by side, bent: model, free points and the start.
@@ -138,8 +138,8 @@ fn prolongation_keeps_the_map() {
     for (k, patch) in model.reference.iter().enumerate() {
         let value = |knots: &[Vec<f64>; 2], index: &[u32], x: &[[f64; 2]], t: [f64; 2]| {
             let basis = [0, 1].map(|a| {
-                let span = crate::axis::span_of(&knots[a], 3, t[a], false);
-                crate::axis::Sampling::new(&knots[a], 3, &[(t[a], span)])
+                let span = crate::optimizer::axis::span_of(&knots[a], 3, t[a], false);
+                crate::optimizer::axis::Sampling::new(&knots[a], 3, &[(t[a], span)])
             });
             let n_v = knots[1].len() - 4;
             let mut sum = [0.0; 2];

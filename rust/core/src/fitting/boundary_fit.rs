@@ -3,10 +3,10 @@
 //! Every side is fitted by itself, but at a smooth joint the legs of both sides lie on one line through the joint, whose
 //! angle is found together with those of all others.
 
+use crate::fitting::side_fit::Side;
+use crate::numeric::tridiagonal::solve_cyclic;
 use crate::outline::Outline;
-use crate::sampled_basis::SampledBasis;
-use crate::side_fit::Side;
-use crate::tridiagonal::solve_cyclic;
+use crate::spline::sampled_basis::SampledBasis;
 use rayon::prelude::*;
 
 /// Fewer sides than this are not worth a second thread.
@@ -149,7 +149,7 @@ impl<'a> BoundaryFit<'a> {
         }
     }
 
-    fn turning(&self) -> Vec<crate::side_fit::Turning> {
+    fn turning(&self) -> Vec<crate::fitting::side_fit::Turning> {
         if self.sides.len() < FEW_SIDES {
             self.sides.iter().map(Side::turning).collect()
         } else {

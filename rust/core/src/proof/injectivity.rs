@@ -14,9 +14,9 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::bernstein::{BoundedBernstein, Extraction, U, extract, larger, power_of_two_above};
+use crate::numeric::triangle_sign::{slow_turn, turn};
 use crate::spline::SplinePatch;
-use crate::triangle_sign::{slow_turn, turn};
+use crate::spline::bernstein::{BoundedBernstein, Extraction, U, extract, larger, power_of_two_above};
 
 /// Coordinates are taken to be known within this many units of roundoff of the largest one when a patch corner
 /// is called degenerate: an exactly straight corner does not survive being written down.

@@ -316,7 +316,7 @@ impl Galerkin {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::quadrature::gauss;
+    use crate::numeric::quadrature::gauss;
     use proptest::prelude::*;
 
     fn nodes(knots: &[f64], degree: usize, m: usize) -> (Vec<f64>, Vec<f64>) {

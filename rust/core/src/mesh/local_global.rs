@@ -10,9 +10,9 @@
 
 use rayon::prelude::*;
 
-use crate::laplacian::{FaceGeometry, MeshError};
-use crate::sparse::{Cholesky, CscMatrix, congruence, upper_triangle};
-use crate::ssvd;
+use crate::mesh::laplacian::{FaceGeometry, MeshError};
+use crate::numeric::sparse::{Cholesky, CscMatrix, congruence, upper_triangle};
+use crate::numeric::ssvd;
 
 // Sums are formed per chunk and added in order, so results do not depend on the number of threads.
 const CHUNK: usize = 2048;
@@ -300,7 +300,7 @@ fn incidence_lists(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sparse::CooMatrix;
+    use crate::numeric::sparse::CooMatrix;
 
     /// (n + 1)² grid on the unit square and its boundary vertices.
     fn grid(n: usize) -> (Vec<[f64; 2]>, Vec<[usize; 3]>, Vec<usize>) {

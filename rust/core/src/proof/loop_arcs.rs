@@ -7,13 +7,25 @@
 use std::borrow::Cow;
 use std::sync::LazyLock;
 
-use crate::bernstein::{BoundedBernstein, Extraction, SLACK, TINY, U, extract, larger, power_of_two_above};
-use crate::budget::Budget;
-use crate::simple_loops::Place;
+use crate::numeric::budget::Budget;
 use crate::spline::SplineCurve;
+use crate::spline::bernstein::{
+    BoundedBernstein, Extraction, SLACK, TINY, U, extract, larger, power_of_two_above,
+};
 
 /// Chords below this length have no direction: products with them may underflow.
 const SHORT: f64 = 1e-140;
+
+/// A point of a loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// Index of the loop.
+    pub loop_index: usize,
+    /// Index of the curve in the loop.
+    pub curve: usize,
+    /// Parameter on the curve.
+    pub t: f64,
+}
 
 /// Cross product.
 pub(crate) fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {

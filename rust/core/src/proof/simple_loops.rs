@@ -8,10 +8,11 @@
 //!
 //! Work and memory are bounded for the whole call ([`Budget`]): where they end, the loops are undecided.
 
-use crate::arcs::{Arc, Bezier, Flat, Slope, arcs_of_loop, cross, extent, frame_of};
-use crate::bernstein::{SLACK, TINY, U};
-use crate::budget::Budget;
+use crate::numeric::budget::Budget;
+pub use crate::proof::loop_arcs::Place;
+use crate::proof::loop_arcs::{Arc, Bezier, Flat, Slope, arcs_of_loop, cross, extent, frame_of};
 use crate::spline::SplineCurve;
+use crate::spline::bernstein::{SLACK, TINY, U};
 
 /// Halvings of an arc while looking for monotone pairs.
 const MAX_ROUNDS: usize = 40;
@@ -27,17 +28,6 @@ const MAX_CHAIN: usize = 32;
 const SAME: f64 = 1e-7;
 /// A crossing is located to within this size, relative to the model.
 const LOCATED: f64 = 1e-10;
-
-/// A point of a loop.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
-    /// Index of the loop.
-    pub loop_index: usize,
-    /// Index of the curve in the loop.
-    pub curve: usize,
-    /// Parameter on the curve.
-    pub t: f64,
-}
 
 /// What is known about two places that are too close.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,7 +92,7 @@ pub fn check_loops(loops: &[Vec<SplineCurve>]) -> LoopsProof {
     let orientation = chains
         .iter()
         .zip(&flats)
-        .map(|(arcs, flats)| crate::arcs::orientation(arcs, flats, &budget))
+        .map(|(arcs, flats)| crate::proof::loop_arcs::orientation(arcs, flats, &budget))
         .collect();
     let boxes: Vec<[f64; 4]> = flats.iter().map(|flats| enclosing(flats)).collect();
     let around = (0..chains.len())
@@ -112,7 +102,7 @@ pub fn check_loops(loops: &[Vec<SplineCurve>]) -> LoopsProof {
             for m in (0..chains.len()).filter(|&m| m != k) {
                 // A loop does not wind around what lies off its hull.
                 if overlap(&first.bounds(), &boxes[m])
-                    && crate::arcs::winding(&chains[m], &flats[m], first, &budget)? != 0
+                    && crate::proof::loop_arcs::winding(&chains[m], &flats[m], first, &budget)? != 0
                 {
                     around.push(m);
                 }
@@ -155,12 +145,12 @@ fn make_monotone(arcs: &mut Vec<Arc>, meetings: &mut Vec<Meeting>, pieces: &mut 
         let mut bad = Vec::new();
         for i in 0..n {
             let (a, b) = (&arcs[i], &arcs[(i + 1) % n]);
-            if !crate::arcs::monotone(&[&a.slope, &b.slope]) {
+            if !crate::proof::loop_arcs::monotone(&[&a.slope, &b.slope]) {
                 bad.push(i);
                 if a.slope.is_lost() || b.slope.is_lost() {
                     continue;
                 }
-                let alone = [&a.slope, &b.slope].map(|s| crate::arcs::monotone(&[s]));
+                let alone = [&a.slope, &b.slope].map(|s| crate::proof::loop_arcs::monotone(&[s]));
                 let both = alone[0] && alone[1];
                 split[i] |= both || !alone[0];
                 split[(i + 1) % n] |= both || !alone[1];
@@ -267,7 +257,7 @@ fn monotone_chain(chains: &[Vec<Arc>], a: (usize, usize), b: (usize, usize)) -> 
     let arcs = &chains[a.0];
     let chain = |from: usize, steps: usize| {
         let slopes = || (0..=steps).map(|k| &arcs[(from + k) % arcs.len()].slope).collect::<Vec<&Slope>>();
-        steps <= MAX_CHAIN && crate::arcs::monotone(&slopes())
+        steps <= MAX_CHAIN && crate::proof::loop_arcs::monotone(&slopes())
     };
     let steps = b.1.abs_diff(a.1);
     a.0 == b.0 && (chain(a.1.min(b.1), steps) || chain(a.1.max(b.1), arcs.len() - steps))

@@ -1,18 +1,27 @@
 //! Low-distortion, fold-free control points by projected Newton on the spline itself.
 //!
 //! Minimises `Σ w f(A)` over the free control points, `A = J(x) J_reference⁻¹` scaled to mean determinant 1, with
-//! the energy of [`crate::barrier`]. Large models are solved coarse to fine: a correction of the start is sought in
+//! the energy of [`crate::distortion`]. Large models are solved coarse to fine: a correction of the start is sought in
 //! coarser spline spaces first, where a step costs a fraction, and the last steps are taken in the model's own.
 
-use crate::assembly::{Assembly, Reduced};
-use crate::coarse::{Coarse, coarsen};
-use crate::elements::{ElementError, Elements, ExtraNode, Space};
-use crate::evaluation::Evaluator;
-use crate::kernel::{Parameters, Summary};
-use crate::newton::{EPS_FEASIBLE, Problem};
-pub use crate::newton::{Outcome, Settings, Step, Stop};
-use crate::ordering::{Net, nested_dissection};
-use crate::sparse::{Cholesky, CscMatrix, SparseError};
+mod assembly;
+mod axis;
+mod coarse;
+pub mod elements;
+mod evaluation;
+mod newton;
+mod ordering;
+mod strip_kernel;
+
+use crate::numeric::sparse::{Cholesky, CscMatrix, SparseError};
+use crate::optimizer::assembly::{Assembly, Reduced};
+use crate::optimizer::coarse::{Coarse, coarsen};
+use crate::optimizer::elements::{ElementError, Elements, ExtraNode, Space};
+use crate::optimizer::evaluation::Evaluator;
+use crate::optimizer::newton::{EPS_FEASIBLE, Problem};
+pub use crate::optimizer::newton::{Outcome, Settings, Step, Stop};
+use crate::optimizer::ordering::{Net, nested_dissection};
+use crate::optimizer::strip_kernel::{Parameters, Summary};
 use crate::spline::SplinePatch;
 use std::cell::Cell;
 use std::ops::ControlFlow;
@@ -342,5 +351,4 @@ fn order_of_columns(z: &CscMatrix<f64>, points: &[usize]) -> Vec<usize> {
 }
 
 #[cfg(test)]
-#[path = "optimizer_tests.rs"]
 mod tests;

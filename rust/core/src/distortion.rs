@@ -4,7 +4,7 @@
 //! Kudryavtseva, Protais, Ray, Sokolov: *Foldover-free maps in 50 lines of code*, ACM TOG 40(4), 2021
 //! (doi:10.1145/3450626.3459847). With ε → 0 it is infinite for det A ≤ 0 and keeps feasible maps feasible.
 
-use crate::lanes::Lanes;
+use crate::numeric::lanes::Lanes;
 
 /// `χ` below this is held there: it only guards the division for far folded Jacobians.
 const CHI_MIN: f64 = 1e-14;

@@ -4,13 +4,13 @@
 //! by row of functions: what several spans of the second direction add to a pair of rows is gathered before the first
 //! direction is touched, which a span at a time would do over and over.
 
-use crate::axis::Axis;
-use crate::barrier::{self, HessianKind};
-use crate::elements::{Nodes, Strip};
-use crate::lanes::{Kernel, Lanes, WIDTH, fused, vectorized};
+use crate::distortion::{self, HessianKind};
+use crate::numeric::lanes::{Kernel, Lanes, WIDTH, fused, vectorized};
+use crate::optimizer::axis::Axis;
+use crate::optimizer::elements::{Nodes, Strip};
 
 /// Packed index of the symmetric second derivatives by (component, direction) pairs.
-const PACKED: [[usize; 4]; 4] = barrier::PACKED;
+const PACKED: [[usize; 4]; 4] = distortion::PACKED;
 
 /// Pairs of functions contracted together: few enough to stay in registers.
 const TOGETHER: usize = 3;
@@ -215,7 +215,7 @@ fn sweep_energy<const FUSED: bool>(e: &mut Evaluation) -> Summary {
     for row in 0..e.v().nodes() {
         for column in (0..e.nodes.columns).step_by(WIDTH) {
             let (_, w, a) = at_nodes::<FUSED>(e, row, column);
-            let (energy, det) = barrier::energy(&a, eps, lambda);
+            let (energy, det) = distortion::energy(&a, eps, lambda);
             totals.add(w, energy, det);
         }
     }
@@ -234,7 +234,7 @@ fn sweep_gradient<const FUSED: bool, const DIRICHLET: bool>(e: &mut Evaluation) 
         for column in (0..columns).step_by(WIDTH) {
             let (t, w, a) = at_nodes::<FUSED>(e, row, column);
             let (energy, det, g) =
-                if DIRICHLET { (Lanes::ZERO, Lanes::ZERO, a) } else { barrier::gradient(&a, eps, lambda) };
+                if DIRICHLET { (Lanes::ZERO, Lanes::ZERO, a) } else { distortion::gradient(&a, eps, lambda) };
             totals.add(w, energy, det);
             // dE/dJ = dE/dA Tᵀ.
             let by_j = [
@@ -289,7 +289,7 @@ fn second_derivatives<const FUSED: bool>(
     column: usize,
 ) -> [Lanes; 10] {
     let (t, w, a) = at_nodes::<FUSED>(e, row, column);
-    let h = barrier::hessian(&a, e.parameters.eps, e.parameters.lambda, kind);
+    let h = distortion::hessian(&a, e.parameters.eps, e.parameters.lambda, kind);
     // T H Tᵀ for a pair of components.
     let turned = |h00: Lanes, h01: Lanes, h10: Lanes, h11: Lanes| {
         let (r00, r01) = (t[0] * h00 + t[1] * h10, t[0] * h01 + t[1] * h11);

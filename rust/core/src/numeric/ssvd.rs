@@ -8,7 +8,7 @@
 
 use rayon::prelude::*;
 
-use crate::lanes::{Kernel, vectorized};
+use crate::numeric::lanes::{Kernel, vectorized};
 
 const CHUNK: usize = 8192;
 /// Matrices whose factors are kept between two loops.

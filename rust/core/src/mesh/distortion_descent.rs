@@ -7,10 +7,10 @@
 
 use rayon::prelude::*;
 
-use crate::barrier::{self, HessianKind, PACKED};
-use crate::lanes::Lanes;
-use crate::laplacian::{FaceGeometry, MeshError};
-use crate::sparse::{Cholesky, CooMatrix, CscMatrix, congruence, upper_triangle};
+use crate::distortion::{self, HessianKind, PACKED};
+use crate::mesh::laplacian::{FaceGeometry, MeshError};
+use crate::numeric::lanes::Lanes;
+use crate::numeric::sparse::{Cholesky, CooMatrix, CscMatrix, congruence, upper_triangle};
 
 /// ε of the barrier: nothing, on faces that are not flipped.
 const EPS: f64 = 0.0;
@@ -114,7 +114,7 @@ impl DistortionDescent {
                 for (i, &t) in triangles.iter().enumerate() {
                     let face = chunk * CHUNK + i;
                     let j = self.geometry.jacobian(face, t, u);
-                    let (e, det) = barrier::energy(&j.map(Lanes::splat), EPS, 0.0);
+                    let (e, det) = distortion::energy(&j.map(Lanes::splat), EPS, 0.0);
                     let (e, det) = (e.first(), det.first());
                     sum += if det > 0.0 { self.geometry.areas[face] * e } else { f64::INFINITY };
                 }
@@ -177,7 +177,7 @@ impl DistortionDescent {
         self.cholesky.solve(&mut solution);
         let free_step = match &self.null_space {
             None => solution,
-            Some(z) => crate::sparse::multiply(z, &solution, 1),
+            Some(z) => crate::numeric::sparse::multiply(z, &solution, 1),
         };
         let decrement = -gradient.iter().zip(&free_step).map(|(g, s)| g * s).sum::<f64>();
         let mut step = vec![[0.0; 2]; u.len()];
@@ -196,7 +196,7 @@ impl DistortionDescent {
             .map(|face| {
                 let j = geometry.jacobian(face, triangles[face], u);
                 let weight = geometry.areas[face] / self.total_area;
-                let hessian = barrier::hessian(&j.map(Lanes::splat), EPS, 0.0, kind).map(Lanes::first);
+                let hessian = distortion::hessian(&j.map(Lanes::splat), EPS, 0.0, kind).map(Lanes::first);
                 face_hessian(&geometry.gradients[face], &hessian, weight)
             })
             .collect();
@@ -257,7 +257,7 @@ fn loop_free_gradient(descent: &DistortionDescent, u: &[[f64; 2]]) -> (Vec<f64>,
     let mut gradient = vec![0.0; 2 * descent.free.len()];
     for (face, &t) in descent.triangles.iter().enumerate() {
         let j = descent.geometry.jacobian(face, t, u).map(Lanes::splat);
-        let by_j = barrier::gradient(&j, EPS, 0.0).2.map(Lanes::first);
+        let by_j = distortion::gradient(&j, EPS, 0.0).2.map(Lanes::first);
         let weight = descent.geometry.areas[face] / descent.total_area;
         for (corner, g) in descent.geometry.gradients[face].iter().enumerate() {
             if let Some(i) = descent.number[t[corner]] {

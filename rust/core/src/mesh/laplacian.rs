@@ -6,7 +6,7 @@
 
 use thiserror::Error;
 
-use crate::sparse::{CooMatrix, CscMatrix, SparseError};
+use crate::numeric::sparse::{CooMatrix, CscMatrix, SparseError};
 
 /// Why a mesh cannot carry the computation.
 #[derive(Debug, Error, Clone, PartialEq)]

@@ -6,7 +6,7 @@
 
 use std::collections::VecDeque;
 
-use crate::insertion_order::insertion_order;
+use crate::mesh::insertion_order::insertion_order;
 use spade::handles::FixedVertexHandle;
 use spade::{
     AngleLimit, ConstrainedDelaunayTriangulation, InsertionError, Point2, RefinementParameters, Triangulation,

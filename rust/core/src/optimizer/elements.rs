@@ -3,9 +3,9 @@
 //! A strip is a few spans of a patch in the first direction by all its spans in the second (or a single additional
 //! node): wide enough for vector units, small enough for the cache, and the unit of parallel work.
 
-use crate::axis::{Axis, Sampling, jacobians, span_of};
-use crate::lanes::WIDTH;
-use crate::quadrature::{gauss, lobatto};
+use crate::numeric::lanes::WIDTH;
+use crate::numeric::quadrature::{gauss, lobatto};
+use crate::optimizer::axis::{Axis, Sampling, jacobians, span_of};
 use crate::spline::{SplinePatch, spans};
 use thiserror::Error;
 
@@ -47,7 +47,7 @@ pub(crate) struct Nodes {
     /// Index of the axes.
     pub u: usize,
     pub v: usize,
-    /// Nodes in a row, rounded up to whole [`crate::lanes::Lanes`].
+    /// Nodes in a row, rounded up to whole [`crate::numeric::lanes::Lanes`].
     pub columns: usize,
     /// `[(row * 5 + k) * columns + column]`: k < 4 the inverse of the reference Jacobian row by row, k = 4 the
     /// weight; all zero where a node is left out or only fills up.

@@ -4,9 +4,9 @@
 //! perpendicular, and residuals along the tangent are damped, not penalised (Gauss–Newton on the orthogonal distance).
 //! The first and the last leg of the control polygon may be held on a line through the end point.
 
-use crate::dense::Definite;
+use crate::numeric::dense::Definite;
 use crate::outline::{Outline, Scratch};
-use crate::sampled_basis::SampledBasis;
+use crate::spline::sampled_basis::SampledBasis;
 
 /// A side that goes on more slowly than this part of the given speed counts as backing up by what is lacking: where it
 /// nearly stops it is next to a cusp, and patches behind get thin.
