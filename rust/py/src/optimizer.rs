@@ -1,6 +1,6 @@
 //! Bindings of `patchtransfer_core::optimizer`.
 
-use crate::convert::{PatchTuple, patch, points2};
+use crate::convert::{PatchTuple, patch, points2, rows};
 use crate::threads::{self, Deadline};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
@@ -24,11 +24,6 @@ struct SplineOptimizer {
 
 fn runtime(error: impl std::fmt::Display) -> PyErr {
     PyRuntimeError::new_err(error.to_string())
-}
-
-fn array2<'py>(py: Python<'py>, points: &[[f64; 2]]) -> Bound<'py, PyArray2<f64>> {
-    let flat: Vec<f64> = points.iter().flatten().copied().collect();
-    Array2::from_shape_vec((points.len(), 2), flat).expect("sizes agree").into_pyarray(py)
 }
 
 #[pymethods]
@@ -91,7 +86,7 @@ impl SplineOptimizer {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let x = self.shared_points(&points)?;
         let out = threads::run(py, || self.core.harmonic(&x))?.map_err(runtime)?;
-        Ok(array2(py, &out))
+        Ok(rows(py, &out))
     }
 
     fn determinants(&mut self, py: Python<'_>, points: PyReadonlyArray2<'_, f64>) -> PyResult<(f64, f64)> {
@@ -107,7 +102,7 @@ impl SplineOptimizer {
     ) -> PyResult<(f64, Bound<'py, PyArray2<f64>>)> {
         let x = self.shared_points(&points)?;
         let (energy, gradient) = threads::run(py, || self.core.gradient(&x, lambda_))?;
-        Ok((energy, array2(py, &gradient)))
+        Ok((energy, rows(py, &gradient)))
     }
 
     #[pyo3(signature = (points, lambda_=0.3, max_steps=200, tolerance=1e-8, callback=None, seconds=None))]
@@ -155,7 +150,7 @@ impl SplineOptimizer {
             Stop::Stalled => "stalled",
             Stop::Interrupted => "time limit",
         };
-        Ok((array2(py, &outcome.points), outcome.energy, outcome.min_det, history.into_pyarray(py), stop))
+        Ok((rows(py, &outcome.points), outcome.energy, outcome.min_det, history.into_pyarray(py), stop))
     }
 }
 

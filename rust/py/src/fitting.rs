@@ -1,9 +1,8 @@
-//! Bindings of `patchtransfer_core::fitting::boundary_fit`.
+//! Bindings of `patchtransfer_core::fitting`.
 
-use crate::convert::points2;
+use crate::convert::{points2, rows};
 use crate::outline::Outline;
 use crate::threads;
-use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use patchtransfer_core::fitting::boundary_fit::{BoundaryFit as Core, FEW_SIDES};
 use patchtransfer_core::fitting::side_fit::{Side, SideData};
@@ -142,9 +141,7 @@ impl BoundaryFit {
 
     /// Control points of all sides, one after the other.
     fn control_points<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let points = self.with(py, |core| core.control_points())?;
-        let flat = points.as_flattened().to_vec();
-        Ok(Array2::from_shape_vec((points.len(), 2), flat).expect("sizes agree").into_pyarray(py))
+        Ok(rows(py, &self.with(py, |core| core.control_points())?))
     }
 }
 

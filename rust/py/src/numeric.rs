@@ -1,5 +1,6 @@
-//! Bindings of `patchtransfer_core::numeric::dense`, for stacks of matrices.
+//! Bindings of `patchtransfer_core::numeric`: dense matrices and stacks of them, sparse Cholesky, bounded distortion.
 
+use crate::convert::rows;
 use crate::threads;
 use numpy::ndarray::{Array2, Array3};
 use numpy::{
@@ -7,6 +8,8 @@ use numpy::{
     PyUntypedArrayMethods,
 };
 use patchtransfer_core::numeric::dense::{self, Definite, NoConvergence, Svd};
+use patchtransfer_core::numeric::sparse::Cholesky;
+use patchtransfer_core::numeric::ssvd;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use rayon::prelude::*;
@@ -138,8 +141,109 @@ fn solve_definite<'py>(
     Ok(x.into_pyarray(py))
 }
 
-/// Add this file's functions to the module.
+fn positions(array: &PyReadonlyArray1<'_, i64>, below: usize) -> PyResult<Vec<usize>> {
+    let narrow = |&i: &i64| usize::try_from(i).ok().filter(|&i| i < below);
+    let found: Option<Vec<usize>> = array.as_array().iter().map(narrow).collect();
+    found.ok_or_else(|| PyValueError::new_err("an index is out of range"))
+}
+
+/// Cholesky factorization of symmetric matrices that share one pattern (upper triangle, compressed columns). One
+/// thread's work, so it is the calling one's: no other has to wake.
+#[pyclass]
+struct SparseCholesky {
+    core: Cholesky,
+    entries: usize,
+    ready: bool,
+}
+
+#[pymethods]
+impl SparseCholesky {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        offsets: PyReadonlyArray1<'_, i64>,
+        rows: PyReadonlyArray1<'_, i64>,
+    ) -> PyResult<Self> {
+        let n = offsets.len().saturating_sub(1);
+        let (offsets, rows) = (positions(&offsets, rows.len() + 1)?, positions(&rows, n)?);
+        // The diagonal ends every column, as the factorization expects.
+        let sorted = offsets.first() == Some(&0)
+            && offsets.last() == Some(&rows.len())
+            && offsets.windows(2).enumerate().all(|(j, w)| {
+                w[0] < w[1] && rows[w[0]..w[1]].windows(2).all(|r| r[0] < r[1]) && rows[w[1] - 1] == j
+            });
+        if !sorted {
+            return Err(PyValueError::new_err(
+                "not the sorted pattern of an upper triangle with its diagonal",
+            ));
+        }
+        let core = py
+            .detach(|| Cholesky::analyse(&offsets, &rows, None))
+            .map_err(|e| PyRuntimeError::new_err(e.to_string()))?;
+        Ok(Self { core, entries: rows.len(), ready: false })
+    }
+
+    fn factorize(&mut self, py: Python<'_>, values: PyReadonlyArray1<'_, f64>) -> PyResult<()> {
+        let values = values.as_slice()?;
+        if values.len() != self.entries {
+            return Err(PyValueError::new_err("values do not fit the pattern"));
+        }
+        self.ready = false;
+        py.detach(|| self.core.factorize(values)).map_err(|e| PyRuntimeError::new_err(e.to_string()))?;
+        self.ready = true;
+        Ok(())
+    }
+
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        rhs: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        if !self.ready || rhs.len() != self.core.dimension() {
+            return Err(PyValueError::new_err(
+                "factorize first; the right-hand side must have its dimension",
+            ));
+        }
+        let mut x = rhs.as_slice()?.to_vec();
+        py.detach(|| self.core.solve(&mut x));
+        Ok(x.into_pyarray(py))
+    }
+}
+
+/// Bounds on the conformal distortion, `n` of them.
+pub fn distortion_bounds(k: &PyReadonlyArray1<'_, f64>, n: usize) -> PyResult<Vec<f64>> {
+    let k = k.as_array().to_vec();
+    if k.len() != n {
+        return Err(PyValueError::new_err(format!("expected {n} bounds k, got {}", k.len())));
+    }
+    match k.iter().find(|&&x| !(1.0..=1e100).contains(&x)) {
+        Some(bad) => Err(PyValueError::new_err(format!("a bound k must lie in [1, 1e100], got {bad}"))),
+        None => Ok(k),
+    }
+}
+
+/// Nearest matrices (n, 4), row-major, of conformal distortion at most k (n,).
+#[pyfunction]
+fn project_bounded_distortion<'py>(
+    py: Python<'py>,
+    jacobians: PyReadonlyArray2<'py, f64>,
+    k: PyReadonlyArray1<'py, f64>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    if jacobians.shape()[1] != 4 {
+        return Err(PyValueError::new_err(format!("expected shape (n, 4), got {:?}", jacobians.shape())));
+    }
+    let k = distortion_bounds(&k, jacobians.shape()[0])?;
+    let j: Vec<[f64; 4]> =
+        jacobians.as_array().rows().into_iter().map(|r| [r[0], r[1], r[2], r[3]]).collect();
+    let mut out = vec![[0.0; 4]; j.len()];
+    threads::run(py, || ssvd::project_all(&j, &k, &mut out))?;
+    Ok(rows(py, &out))
+}
+
+/// Add this file's names to the module.
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_class::<SparseCholesky>()?;
+    m.add_function(wrap_pyfunction!(project_bounded_distortion, m)?)?;
     m.add_function(wrap_pyfunction!(product, m)?)?;
     m.add_function(wrap_pyfunction!(svd, m)?)?;
     m.add_function(wrap_pyfunction!(eigen, m)?)?;

@@ -1,4 +1,4 @@
-//! Bindings of `patchtransfer_core::{injectivity, simple_loops}`.
+//! Bindings of `patchtransfer_core::proof`: injectivity of patches, simple loops.
 
 use crate::threads;
 use patchtransfer_core::proof::injectivity::{self, CellKind, Limits};

@@ -1,4 +1,4 @@
-//! Bindings of `patchtransfer_core::{matching, inner_distance, thin_plate}`.
+//! Bindings of `patchtransfer_core::registration`: matching of sequences, inner distances, thin plates.
 
 use crate::convert::points2;
 use crate::threads;
