@@ -3,7 +3,6 @@
 use crate::threads;
 use patchtransfer_core::proof::injectivity::{self, CellKind, Limits};
 use patchtransfer_core::proof::simple_loops::{self, MeetingKind, Place};
-use patchtransfer_core::spline::bernstein::MAX_DEGREE;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -29,8 +28,8 @@ fn certify_patches(
     max_depth: usize,
 ) -> PyResult<Vec<ProofTuple>> {
     let patches = oriented(&patches, &signs)?;
-    if patches.iter().flat_map(|p| p.degrees).any(|d| d == 0 || 3 * d > MAX_DEGREE + 1) {
-        return Err(PyValueError::new_err(format!("degrees must be 1 to {}", (MAX_DEGREE + 1) / 3)));
+    if patches.iter().flat_map(|p| p.degrees).any(|d| d == 0 || d > injectivity::MAX_DEGREE) {
+        return Err(PyValueError::new_err(format!("degrees must be 1 to {}", injectivity::MAX_DEGREE)));
     }
     let limits = Limits { max_depth, ..Limits::default() };
     let proofs = threads::run(py, || injectivity::certify_patches(&patches, &signs, &limits))?;
@@ -60,8 +59,8 @@ fn certify_loops(py: Python<'_>, loops: Vec<Vec<CurveTuple<'_>>>) -> PyResult<Lo
         .iter()
         .map(|curves| curves.iter().map(curve).collect::<PyResult<Vec<_>>>())
         .collect::<PyResult<Vec<_>>>()?;
-    if loops.iter().flatten().any(|c| c.degree == 0 || 2 * c.degree > MAX_DEGREE) {
-        return Err(PyValueError::new_err(format!("degrees must be 1 to {}", MAX_DEGREE / 2)));
+    if loops.iter().flatten().any(|c| c.degree == 0 || c.degree > simple_loops::MAX_DEGREE) {
+        return Err(PyValueError::new_err(format!("degrees must be 1 to {}", simple_loops::MAX_DEGREE)));
     }
     let proof = py.detach(|| simple_loops::check_loops(&loops));
     let kind = |kind| match kind {

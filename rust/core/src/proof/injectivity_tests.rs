@@ -3,6 +3,7 @@ use std::ops::{Add, Div, Mul, Sub};
 use proptest::prelude::*;
 
 use super::*;
+use crate::spline::bernstein::BoundedBernstein;
 use crate::spline::spans;
 
 /// Double-double arithmetic, about 32 digits: the second route to det J.
@@ -81,7 +82,7 @@ fn jets(knots: &[f64], p: usize, k: usize, t: Dd) -> [Vec<Dd>; 2] {
 }
 
 /// W³ det J (det J of a polynomial patch) of the scaled patch at a point of a span pair.
-fn exact(jacobian: &Jacobian<'_>, at: [usize; 2], u: Dd, v: Dd) -> Dd {
+fn exact(jacobian: &PatchDeterminant<'_>, at: [usize; 2], u: Dd, v: Dd) -> Dd {
     let patch = jacobian.patch;
     let k: [usize; 2] = std::array::from_fn(|d| spans(&patch.knots[d], patch.degrees[d])[at[d]]);
     let [p, q] = patch.degrees;
@@ -146,7 +147,7 @@ fn random_patch(rational: bool) -> impl Strategy<Value = SplinePatch> {
 }
 
 fn check_bound(patch: &SplinePatch, s: f64, t: f64) -> Result<(), TestCaseError> {
-    let jacobian = Jacobian::new(patch);
+    let jacobian = PatchDeterminant::new(patch);
     for i in 0..jacobian.spans(0) {
         for j in 0..jacobian.spans(1) {
             let work = jacobian.piece([i, j], 1.0);
@@ -206,7 +207,7 @@ fn square(points: impl Fn(f64, f64) -> [f64; 2], n: usize) -> SplinePatch {
 #[test]
 fn bounds_are_small() {
     let jacobian_of = square(|u, v| [u + 0.1 * (3.0 * v).sin(), v], 4);
-    let jacobian = Jacobian::new(&jacobian_of);
+    let jacobian = PatchDeterminant::new(&jacobian_of);
     let det = jacobian.piece([1, 2], 1.0).det;
     assert!(det.err < 2e-13 * det.magnitude(), "{:e}", det.err / det.magnitude());
 }

@@ -1,20 +1,14 @@
-//! Bézier arcs of closed loops with bounds on their rounding: hulls, tangents, winding, orientation.
+//! Bézier arcs of closed loops and their tangents, with bounds on their rounding.
 //!
-//! Coordinates are scaled once to magnitude one (`frame_of`), weights of a curve likewise. A test may use any axis,
-//! rounded or not: what it needs is only that products with that axis are bounded. Each margin has an absolute part,
-//! [`TINY`], for products that underflow, so an axis as short as subnormal differences make it separates nothing.
+//! Coordinates are scaled once to magnitude one (`frame_of`), weights of a curve likewise.
 
-use std::borrow::Cow;
 use std::sync::LazyLock;
 
-use crate::numeric::budget::Budget;
+use crate::proof::hull::{Hull, cross, minus, range};
 use crate::spline::SplineCurve;
 use crate::spline::bernstein::{
     BoundedBernstein, Extraction, SLACK, TINY, U, extract, larger, power_of_two_above,
 };
-
-/// Chords below this length have no direction: products with them may underflow.
-const SHORT: f64 = 1e-140;
 
 /// A point of a loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,32 +21,6 @@ pub struct Place {
     pub t: f64,
 }
 
-/// Cross product.
-pub(crate) fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
-    a[0] * b[1] - a[1] * b[0]
-}
-
-fn minus(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
-    [a[0] - b[0], a[1] - b[1]]
-}
-
-/// Larger side of the bounding box.
-pub(crate) fn extent(points: &[[f64; 2]]) -> f64 {
-    (0..2)
-        .map(|d| {
-            let (lo, hi) = range(points.iter().map(|p| p[d]));
-            hi - lo
-        })
-        .fold(0.0, f64::max)
-}
-
-/// Smallest and largest value, both NaN if any value is.
-fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), x| {
-        (if x < lo || x.is_nan() { x } else { lo }, larger(hi, x))
-    })
-}
-
 /// A point in the middle of all control points and a power of two above their distance from it.
 pub(crate) fn frame_of(loops: &[Vec<SplineCurve>]) -> ([f64; 2], f64) {
     let points = || loops.iter().flatten().flat_map(|c| &c.points);
@@ -62,79 +30,6 @@ pub(crate) fn frame_of(loops: &[Vec<SplineCurve>]) -> ([f64; 2], f64) {
     });
     let size = points().map(|&p| minus(p, origin)).fold(0.0, |m, p| f64::max(m, p[0].abs().max(p[1].abs())));
     (origin, power_of_two_above(size))
-}
-
-/// Cartesian control points of an arc or of a chain of arcs: its hull.
-#[derive(Clone, Debug)]
-pub(crate) struct Flat {
-    pub points: Vec<[f64; 2]>,
-    /// Bound on the error of every coordinate.
-    pub err: f64,
-    /// Largest absolute coordinate.
-    pub reach: f64,
-}
-
-impl Flat {
-    pub fn start(&self) -> [f64; 2] {
-        self.points[0]
-    }
-
-    pub fn end(&self) -> [f64; 2] {
-        self.points[self.points.len() - 1]
-    }
-
-    /// `[x0, x1, y0, y1]`, the error included; the whole plane where nothing is known.
-    pub fn bounds(&self) -> [f64; 4] {
-        let (x, y) = (range(self.points.iter().map(|p| p[0])), range(self.points.iter().map(|p| p[1])));
-        let e = 2.0 * self.err + TINY;
-        let bounds = [x.0 - e, x.1 + e, y.0 - e, y.1 + e];
-        if bounds.iter().any(|x| x.is_nan()) {
-            [f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY]
-        } else {
-            bounds
-        }
-    }
-
-    pub fn joined(mut self, next: Self) -> Self {
-        self.points.extend(next.points);
-        Self { points: self.points, err: self.err.max(next.err), reach: self.reach.max(next.reach) }
-    }
-
-    /// Whether a line separates the two hulls, by more than the errors.
-    ///
-    /// Axes: coordinates, centre to centre, and the normals of all lines through two points of either hull,
-    /// which include those of the hulls' edges. Rounding: two products, a sum and the difference of two sums.
-    pub fn separated(&self, other: &Self, budget: &Budget) -> bool {
-        let cost = self.points.len() + other.points.len();
-        let clear = |n: [f64; 2]| {
-            budget.spend(cost);
-            let along = |p: &[f64; 2]| n[0] * p[0] + n[1] * p[1];
-            let (a, b) = (range(self.points.iter().map(along)), range(other.points.iter().map(along)));
-            let size = n[0].abs() + n[1].abs();
-            let margin = SLACK * (self.err + other.err + 4.0 * U * (self.reach + other.reach)) * size + TINY;
-            b.0 - a.1 > margin || a.0 - b.1 > margin
-        };
-        if clear([1.0, 0.0]) || clear([0.0, 1.0]) {
-            return true;
-        }
-        let centre = |f: &Self| {
-            let n = f.points.len() as f64;
-            let sum = f.points.iter().fold([0.0; 2], |s, p| [s[0] + p[0], s[1] + p[1]]);
-            [sum[0] / n, sum[1] / n]
-        };
-        if clear(minus(centre(other), centre(self))) {
-            return true;
-        }
-        [self, other].iter().any(|f| {
-            let n = f.points.len();
-            (0..n).any(|i| {
-                (i + 1..n).any(|j| {
-                    let e = minus(f.points[j], f.points[i]);
-                    clear([-e[1], e[0]])
-                })
-            })
-        })
-    }
 }
 
 /// A Bézier arc in homogeneous coordinates; the third one is exactly 1 on a polynomial arc.
@@ -199,7 +94,7 @@ impl Bezier {
         Self::with_rounding((0..n).map(blossom).collect(), self, 5.0 * n as f64)
     }
 
-    pub fn flat(&self) -> Flat {
+    pub fn hull(&self) -> Hull {
         let points: Vec<[f64; 2]> = self.points.iter().map(|p| [p[0] / p[2], p[1] / p[2]]).collect();
         let reach = points.iter().flatten().fold(0.0, |m, x| larger(m, x.abs()));
         let err = if self.is_polynomial() {
@@ -210,7 +105,7 @@ impl Bezier {
             let err = (self.err[0] + reach * self.err[1]) / low + 2.0 * U * reach;
             if low > 0.0 { SLACK * err + TINY } else { f64::INFINITY }
         };
-        Flat { points, err, reach }
+        Hull { points, err, reach }
     }
 }
 
@@ -286,7 +181,7 @@ pub(crate) fn monotone(slopes: &[&Slope]) -> bool {
 
 /// An arc of a loop.
 #[derive(Clone, Debug)]
-pub(crate) struct Arc {
+pub(crate) struct LoopArc {
     pub bezier: Bezier,
     pub slope: Slope,
     loop_index: usize,
@@ -294,7 +189,7 @@ pub(crate) struct Arc {
     t: [f64; 2],
 }
 
-impl Arc {
+impl LoopArc {
     pub fn halve(self) -> [Self; 2] {
         let middle = 0.5 * (self.t[0] + self.t[1]);
         let ([b0, b1], [s0, s1]) = (self.bezier.halve(), self.slope.halve());
@@ -317,9 +212,9 @@ pub(crate) fn arcs_of_loop(
     curves: &[SplineCurve],
     origin: [f64; 2],
     unit: f64,
-) -> (Vec<Arc>, f64) {
+) -> (Vec<LoopArc>, f64) {
     let mut gap: f64 = 0.0;
-    let mut arcs: Vec<Arc> = Vec::new();
+    let mut arcs: Vec<LoopArc> = Vec::new();
     let mut extractions = None;
     for (index, curve) in curves.iter().enumerate() {
         let next = curves[(index + 1) % curves.len()].points[0];
@@ -348,7 +243,7 @@ pub(crate) fn arcs_of_loop(
             };
             if !slope.zero.iter().all(|z| *z) {
                 let bezier = bezier_of(&curve, origin, unit, values, span);
-                arcs.push(Arc { bezier, slope, loop_index, curve: index, t: values.ends[span] });
+                arcs.push(LoopArc { bezier, slope, loop_index, curve: index, t: values.ends[span] });
             }
         }
     }
@@ -440,85 +335,4 @@ fn rational_slope(curve: &SplineCurve, unit: f64, values: &Extraction, span: usi
     *zero.last_mut().expect("degree at least one") |=
         span + 1 == values.first.len() && points[end] == points[end - 1];
     Slope { vectors, zero, err }
-}
-
-/// Sense of a simple loop: +1 counter-clockwise, -1 clockwise, 0 undecided.
-///
-/// The area between an arc and its chord is at most the largest distance from the chord times the length of the
-/// control polygon; the polygon of chords decides once it outweighs all of that. `flats` are the arcs' hulls.
-pub(crate) fn orientation(arcs: &[Arc], flats: &[Flat], budget: &Budget) -> i8 {
-    let mut parts: Vec<Bezier> = Vec::new();
-    let mut flats = Cow::Borrowed(flats);
-    for round in 0..8 {
-        if round > 0 {
-            if !budget.allows_parts(2 * flats.len()) {
-                return 0;
-            }
-            let whole = arcs.iter().map(|a| &a.bezier).filter(|_| round == 1);
-            parts = whole.chain(&parts).flat_map(Bezier::halve).collect();
-            flats = parts.iter().map(Bezier::flat).collect();
-        }
-        let (mut area, mut uncertain, mut total) = (0.0, 0.0, 0.0);
-        for flat in flats.iter() {
-            let (a, b) = (flat.start(), flat.end());
-            area += 0.5 * cross(a, b);
-            total += cross(a, b).abs();
-            let chord = minus(b, a);
-            let length = chord[0].hypot(chord[1]);
-            let off = |&p: &[f64; 2]| {
-                let d = minus(p, a);
-                if length > SHORT { cross(chord, d).abs() / length } else { d[0].hypot(d[1]) }
-            };
-            let polygon: f64 =
-                flat.points.windows(2).map(|w| minus(w[1], w[0])).map(|d| d[0].hypot(d[1])).sum();
-            let distance = flat.points.iter().map(off).fold(0.0, larger);
-            uncertain +=
-                distance * polygon + 4.0 * (flat.err + 8.0 * U * flat.reach) * (polygon + flat.reach);
-        }
-        // Adding n numbers rounds n times, relative to the sum of their sizes.
-        if area.abs() > SLACK * (uncertain + flats.len() as f64 * 4.0 * U * total) + TINY {
-            return if area > 0.0 { 1 } else { -1 };
-        }
-    }
-    0
-}
-
-/// Winding number of a loop about the first point of `around`, `None` if that is too close to the loop.
-///
-/// Arcs whose hull stays away from the point may be replaced by their chords; others are halved. The angles under
-/// which the chords are seen add up to a multiple of 2π. `flats` are the arcs' hulls.
-pub(crate) fn winding(arcs: &[Arc], flats: &[Flat], around: &Flat, budget: &Budget) -> Option<i32> {
-    let y = around.start();
-    let mut point = Flat { points: vec![y], err: 0.0, reach: 1.0 };
-    let mut uncertain = 0.0;
-    let mut angle_under = |flat: &Flat, point: &mut Flat| {
-        point.err = around.err + 1e3 * (flat.err + U);
-        let (a, b) = (minus(flat.start(), y), minus(flat.end(), y));
-        point.separated(flat, budget).then(|| {
-            // Neighbouring chords share their joint but for the rounding of a quotient by weights.
-            uncertain += 16.0 * U * (1.0 + flat.reach / a[0].hypot(a[1]).min(b[0].hypot(b[1])));
-            cross(a, b).atan2(a[0] * b[0] + a[1] * b[1])
-        })
-    };
-    let mut total = 0.0;
-    for (arc, flat) in arcs.iter().zip(flats) {
-        if let Some(angle) = angle_under(flat, &mut point) {
-            total += angle;
-            continue;
-        }
-        let mut stack = vec![arc.bezier.clone()];
-        while let Some(part) = stack.pop() {
-            for half in part.halve() {
-                let flat = half.flat();
-                let parts_may_differ = extent(&flat.points) > point.err && !budget.is_spent();
-                match angle_under(&flat, &mut point) {
-                    Some(angle) => total += angle,
-                    None if parts_may_differ => stack.push(half),
-                    // Smaller parts would not come off the point either.
-                    None => return None,
-                }
-            }
-        }
-    }
-    (uncertain < 1.0).then(|| (total / std::f64::consts::TAU).round() as i32)
 }

@@ -9,11 +9,16 @@
 //! Work and memory are bounded for the whole call ([`Budget`]): where they end, the loops are undecided.
 
 use crate::numeric::budget::Budget;
+use crate::proof::hull::{Hull, cross, extent};
 pub use crate::proof::loop_arcs::Place;
-use crate::proof::loop_arcs::{Arc, Bezier, Flat, Slope, arcs_of_loop, cross, extent, frame_of};
+use crate::proof::loop_arcs::{Bezier, LoopArc, Slope, arcs_of_loop, frame_of, monotone};
+use crate::proof::winding;
 use crate::spline::SplineCurve;
-use crate::spline::bernstein::{SLACK, TINY, U};
+use crate::spline::bernstein::{self, SLACK, TINY, U};
 
+/// Degrees up to this are certified: numerators of rational arcs' derivatives have twice the degree, and exact binomials
+/// up to that of [`bernstein::MAX_DEGREE`].
+pub const MAX_DEGREE: usize = bernstein::MAX_DEGREE / 2;
 /// Halvings of an arc while looking for monotone pairs.
 const MAX_ROUNDS: usize = 40;
 /// Tests spent on one pair of arcs.
@@ -22,7 +27,7 @@ const PAIR_BUDGET: usize = 20_000;
 pub const MAX_CROSSINGS: usize = 32;
 /// Undecided places kept, beside which further ones tell nothing new.
 const MAX_UNDECIDED: usize = 1000;
-/// Arcs of a chain that is tried whole: a cluster of knots has at most as many as the degree, up to 28.
+/// Arcs of a chain that is tried whole: a cluster of knots has at most as many as the degree, up to [`MAX_DEGREE`].
 const MAX_CHAIN: usize = 32;
 /// Meetings closer than this, relative to the model, are one.
 const SAME: f64 = 1e-7;
@@ -74,7 +79,7 @@ pub struct LoopsProof {
 pub fn check_loops(loops: &[Vec<SplineCurve>]) -> LoopsProof {
     let (origin, unit) = frame_of(loops);
     let mut gap: f64 = 0.0;
-    let mut chains: Vec<Vec<Arc>> = Vec::with_capacity(loops.len());
+    let mut chains: Vec<Vec<LoopArc>> = Vec::with_capacity(loops.len());
     let mut meetings = Vec::new();
     for (k, curves) in loops.iter().enumerate() {
         let (arcs, loop_gap) = arcs_of_loop(k, curves, origin, unit);
@@ -86,23 +91,20 @@ pub fn check_loops(loops: &[Vec<SplineCurve>]) -> LoopsProof {
     for arcs in &mut chains {
         make_monotone(arcs, &mut meetings, &mut pieces, &budget);
     }
-    let flats: Vec<Vec<Flat>> =
-        chains.iter().map(|arcs| arcs.iter().map(|a| a.bezier.flat()).collect()).collect();
-    separate(&chains, &flats, &budget, &mut meetings);
-    let orientation = chains
-        .iter()
-        .zip(&flats)
-        .map(|(arcs, flats)| crate::proof::loop_arcs::orientation(arcs, flats, &budget))
-        .collect();
-    let boxes: Vec<[f64; 4]> = flats.iter().map(|flats| enclosing(flats)).collect();
+    let hulls: Vec<Vec<Hull>> =
+        chains.iter().map(|arcs| arcs.iter().map(|a| a.bezier.hull()).collect()).collect();
+    separate(&chains, &hulls, &budget, &mut meetings);
+    let orientation =
+        chains.iter().zip(&hulls).map(|(arcs, hulls)| winding::orientation(arcs, hulls, &budget)).collect();
+    let boxes: Vec<[f64; 4]> = hulls.iter().map(|hulls| enclosing(hulls)).collect();
     let around = (0..chains.len())
         .map(|k| {
-            let Some(first) = flats[k].first() else { return Some(Vec::new()) };
+            let Some(first) = hulls[k].first() else { return Some(Vec::new()) };
             let mut around = Vec::new();
             for m in (0..chains.len()).filter(|&m| m != k) {
                 // A loop does not wind around what lies off its hull.
                 if overlap(&first.bounds(), &boxes[m])
-                    && crate::proof::loop_arcs::winding(&chains[m], &flats[m], first, &budget)? != 0
+                    && winding::winding_number(&chains[m], &hulls[m], first, &budget)? != 0
                 {
                     around.push(m);
                 }
@@ -124,18 +126,18 @@ fn overlap(a: &[f64; 4], b: &[f64; 4]) -> bool {
 }
 
 /// Bounds of all hulls of a loop.
-fn enclosing(flats: &[Flat]) -> [f64; 4] {
+fn enclosing(hulls: &[Hull]) -> [f64; 4] {
     let nothing = [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY];
-    flats
+    hulls
         .iter()
-        .map(Flat::bounds)
+        .map(Hull::bounds)
         .fold(nothing, |a, b| [a[0].min(b[0]), a[1].max(b[1]), a[2].min(b[2]), a[3].max(b[3])])
 }
 
 /// Halve arcs until there are four or more and every two consecutive ones are monotone together.
 ///
 /// `pieces` counts the arcs of all loops.
-fn make_monotone(arcs: &mut Vec<Arc>, meetings: &mut Vec<Meeting>, pieces: &mut usize, budget: &Budget) {
+fn make_monotone(arcs: &mut Vec<LoopArc>, meetings: &mut Vec<Meeting>, pieces: &mut usize, budget: &Budget) {
     for round in 0.. {
         let n = arcs.len();
         if n == 0 {
@@ -145,12 +147,12 @@ fn make_monotone(arcs: &mut Vec<Arc>, meetings: &mut Vec<Meeting>, pieces: &mut 
         let mut bad = Vec::new();
         for i in 0..n {
             let (a, b) = (&arcs[i], &arcs[(i + 1) % n]);
-            if !crate::proof::loop_arcs::monotone(&[&a.slope, &b.slope]) {
+            if !monotone(&[&a.slope, &b.slope]) {
                 bad.push(i);
                 if a.slope.is_lost() || b.slope.is_lost() {
                     continue;
                 }
-                let alone = [&a.slope, &b.slope].map(|s| crate::proof::loop_arcs::monotone(&[s]));
+                let alone = [&a.slope, &b.slope].map(|s| monotone(&[s]));
                 let both = alone[0] && alone[1];
                 split[i] |= both || !alone[0];
                 split[(i + 1) % n] |= both || !alone[1];
@@ -162,7 +164,7 @@ fn make_monotone(arcs: &mut Vec<Arc>, meetings: &mut Vec<Meeting>, pieces: &mut 
             let kind = if ends { MeetingKind::Cusp } else { MeetingKind::Unfinished };
             for i in bad.into_iter().take(MAX_UNDECIDED) {
                 let (a, b) = (&arcs[i], &arcs[(i + 1) % n]);
-                let point = b.bezier.flat().start();
+                let point = b.bezier.hull().start();
                 meetings.push(Meeting { kind, a: a.place(1.0), b: b.place(0.0), point });
             }
             return;
@@ -177,10 +179,10 @@ fn make_monotone(arcs: &mut Vec<Arc>, meetings: &mut Vec<Meeting>, pieces: &mut 
 }
 
 /// Separate all pairs of arcs that are not neighbours, or report where that fails.
-fn separate(chains: &[Vec<Arc>], flats: &[Vec<Flat>], budget: &Budget, meetings: &mut Vec<Meeting>) {
+fn separate(chains: &[Vec<LoopArc>], hulls: &[Vec<Hull>], budget: &Budget, meetings: &mut Vec<Meeting>) {
     let index: Vec<(usize, usize)> =
         chains.iter().enumerate().flat_map(|(k, arcs)| (0..arcs.len()).map(move |i| (k, i))).collect();
-    let boxes: Vec<[f64; 4]> = flats.iter().flatten().map(Flat::bounds).collect();
+    let boxes: Vec<[f64; 4]> = hulls.iter().flatten().map(Hull::bounds).collect();
     let mut order: Vec<usize> = (0..index.len()).collect();
     order.sort_by(|&a, &b| boxes[a][0].total_cmp(&boxes[b][0]).then(a.cmp(&b)));
     let mut active: Vec<usize> = Vec::new();
@@ -193,7 +195,7 @@ fn separate(chains: &[Vec<Arc>], flats: &[Vec<Flat>], budget: &Budget, meetings:
             if !overlap(&boxes[a], &boxes[b]) || neighbours(chains, index[a], index[b]) {
                 continue;
             }
-            if flats[index[a].0][index[a].1].separated(&flats[index[b].0][index[b].1], budget) {
+            if hulls[index[a].0][index[a].1].separated(&hulls[index[b].0][index[b].1], budget) {
                 continue;
             }
             if monotone_chain(chains, index[first], index[second]) {
@@ -210,7 +212,7 @@ fn separate(chains: &[Vec<Arc>], flats: &[Vec<Flat>], budget: &Budget, meetings:
         // Also where the spending is the sweep's.
         if budget.is_spent() {
             let (k, i) = index[b];
-            let (arc, point) = (&chains[k][i], flats[k][i].start());
+            let (arc, point) = (&chains[k][i], hulls[k][i].start());
             found.add(Meeting { kind: MeetingKind::Unfinished, a: arc.place(0.0), b: arc.place(1.0), point });
             break;
         }
@@ -253,17 +255,17 @@ fn close(a: &Meeting, b: &Meeting) -> bool {
 /// Whether two arcs of a loop do not meet because all arcs from one to the other are monotone in one direction.
 ///
 /// The pieces between nearly equal knots may be too short to hold their neighbours apart.
-fn monotone_chain(chains: &[Vec<Arc>], a: (usize, usize), b: (usize, usize)) -> bool {
+fn monotone_chain(chains: &[Vec<LoopArc>], a: (usize, usize), b: (usize, usize)) -> bool {
     let arcs = &chains[a.0];
     let chain = |from: usize, steps: usize| {
         let slopes = || (0..=steps).map(|k| &arcs[(from + k) % arcs.len()].slope).collect::<Vec<&Slope>>();
-        steps <= MAX_CHAIN && crate::proof::loop_arcs::monotone(&slopes())
+        steps <= MAX_CHAIN && monotone(&slopes())
     };
     let steps = b.1.abs_diff(a.1);
     a.0 == b.0 && (chain(a.1.min(b.1), steps) || chain(a.1.max(b.1), arcs.len() - steps))
 }
 
-fn neighbours(chains: &[Vec<Arc>], a: (usize, usize), b: (usize, usize)) -> bool {
+fn neighbours(chains: &[Vec<LoopArc>], a: (usize, usize), b: (usize, usize)) -> bool {
     let n = chains[a.0].len();
     a.0 == b.0 && (a.1.abs_diff(b.1) <= 1 || a.1.abs_diff(b.1) == n - 1)
 }
@@ -272,7 +274,7 @@ fn neighbours(chains: &[Vec<Arc>], a: (usize, usize), b: (usize, usize)) -> bool
 #[derive(Clone)]
 struct Part {
     bezier: Bezier,
-    flat: Flat,
+    hull: Hull,
     s: [f64; 2],
 }
 
@@ -284,47 +286,47 @@ impl Part {
     fn halve(&self) -> [Self; 2] {
         let middle = 0.5 * (self.s[0] + self.s[1]);
         let [a, b] = self.bezier.halve();
-        let part = |bezier: Bezier, s| Self { flat: bezier.flat(), bezier, s };
+        let part = |bezier: Bezier, s| Self { hull: bezier.hull(), bezier, s };
         [part(a, [self.s[0], middle]), part(b, [middle, self.s[1]])]
     }
 }
 
 fn separate_pair(
-    chains: &[Vec<Arc>],
+    chains: &[Vec<LoopArc>],
     a: (usize, usize),
     b: (usize, usize),
     budget: &Budget,
 ) -> Option<Meeting> {
     let whole = |(k, i): (usize, usize)| {
         let bezier = chains[k][i].bezier.clone();
-        Part { flat: bezier.flat(), bezier, s: [0.0, 1.0] }
+        Part { hull: bezier.hull(), bezier, s: [0.0, 1.0] }
     };
     let meeting = |kind, pa: &Part, pb: &Part| {
         let place = |(k, i): (usize, usize), part: &Part| chains[k][i].place(0.5 * (part.s[0] + part.s[1]));
-        Meeting { kind, a: place(a, pa), b: place(b, pb), point: pa.flat.start() }
+        Meeting { kind, a: place(a, pa), b: place(b, pb), point: pa.hull.start() }
     };
     let mut near = None;
     let mut left = PAIR_BUDGET;
     let mut stack = vec![(whole(a), whole(b), false)];
     while let Some((pa, pb, mut crosses)) = stack.pop() {
-        if pa.flat.separated(&pb.flat, budget) {
+        if pa.hull.separated(&pb.hull, budget) {
             continue;
         }
         // Near the end of a part a crossing shows only on parts that reach farther.
         let wide = || pa.length().max(pb.length()) <= 0.25;
-        crosses |= crossing(&pa.flat, &pb.flat)
+        crosses |= crossing(&pa.hull, &pb.hull)
             || wide() && crossing(&window(&chains[a.0], a.1, pa.s), &window(&chains[b.0], b.1, pb.s));
-        let (size_a, size_b) = (extent(&pa.flat.points), extent(&pb.flat.points));
+        let (size_a, size_b) = (extent(&pa.hull.points), extent(&pb.hull.points));
         let size = size_a.max(size_b);
         if crosses && size < LOCATED {
             return Some(meeting(MeetingKind::Crossing, &pa, &pb));
         }
         left = left.saturating_sub(1);
         // Halving, windows and the test for a crossing take some products of every two points.
-        budget.spend(16 * pa.flat.points.len() * pb.flat.points.len());
+        budget.spend(16 * pa.hull.points.len() * pb.hull.points.len());
         let exhausted = left == 0 || budget.is_spent();
         // Not so where the bound is NaN either.
-        let parts_may_differ = size >= 64.0 * (pa.flat.err + pb.flat.err);
+        let parts_may_differ = size >= 64.0 * (pa.hull.err + pb.hull.err);
         if exhausted || !parts_may_differ {
             let kind = match crosses {
                 true => MeetingKind::Crossing,
@@ -351,19 +353,19 @@ fn separate_pair(
 
 /// The chain over the parameters `s` of an arc, widened by three times its length on either side, into less
 /// than half of the neighbouring arcs (so that windows of arcs with one arc between them stay apart).
-fn window(arcs: &[Arc], i: usize, s: [f64; 2]) -> Flat {
+fn window(arcs: &[LoopArc], i: usize, s: [f64; 2]) -> Hull {
     let n = arcs.len();
     let reach = 3.0 * (s[1] - s[0]);
     let (from, to) = (s[0] - reach, s[1] + reach);
-    let mut flat = arcs[i].bezier.restrict(from.max(0.0), to.min(1.0)).flat();
+    let mut hull = arcs[i].bezier.restrict(from.max(0.0), to.min(1.0)).hull();
     if from < 0.0 {
-        let before = arcs[(i + n - 1) % n].bezier.restrict((1.0 + from).max(0.55), 1.0).flat();
-        flat = before.joined(flat);
+        let before = arcs[(i + n - 1) % n].bezier.restrict((1.0 + from).max(0.55), 1.0).hull();
+        hull = before.joined(hull);
     }
     if to > 1.0 {
-        flat = flat.joined(arcs[(i + 1) % n].bezier.restrict(0.0, (to - 1.0).min(0.45)).flat());
+        hull = hull.joined(arcs[(i + 1) % n].bezier.restrict(0.0, (to - 1.0).min(0.45)).hull());
     }
-    flat
+    hull
 }
 
 /// Whether two chains are proved to cross.
@@ -371,7 +373,7 @@ fn window(arcs: &[Arc], i: usize, s: [f64; 2]) -> Flat {
 /// In the oblique frame of the two chords, chain A stays between the lines y = min A and y = max A and runs
 /// from left of all of B to right of it; B likewise from below all of A to above. Within the parallelogram that
 /// the four lines bound, one path joins left and right and the other bottom and top.
-fn crossing(a: &Flat, b: &Flat) -> bool {
+fn crossing(a: &Hull, b: &Hull) -> bool {
     let e1 = [a.end()[0] - a.start()[0], a.end()[1] - a.start()[1]];
     let mut e2 = [b.end()[0] - b.start()[0], b.end()[1] - b.start()[1]];
     let (mut low, mut high) = (b.start(), b.end());
@@ -382,7 +384,7 @@ fn crossing(a: &Flat, b: &Flat) -> bool {
     let x = |p: [f64; 2]| cross(p, e2);
     let y = |p: [f64; 2]| cross(e1, p);
     let margin =
-        |e: [f64; 2], of: &Flat| SLACK * (of.err + 4.0 * U * of.reach) * (e[0].abs() + e[1].abs()) + TINY;
+        |e: [f64; 2], of: &Hull| SLACK * (of.err + 4.0 * U * of.reach) * (e[0].abs() + e[1].abs()) + TINY;
     let (mx, my) = (margin(e2, a) + margin(e2, b), margin(e1, a) + margin(e1, b));
     let left = b.points.iter().all(|&p| x(p) > x(a.start()) + mx);
     let right = b.points.iter().all(|&p| x(p) < x(a.end()) - mx);

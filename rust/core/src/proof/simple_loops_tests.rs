@@ -182,7 +182,7 @@ fn thousands_of_curves_close_together_are_separated() {
 fn an_axis_of_subnormals_separates_nothing() {
     // Points that differ by the smallest subnormal give an axis along which all products round to multiples of it.
     let tiny = f64::from_bits(1);
-    let hull = |points: &[[f64; 2]]| Flat { points: points.to_vec(), err: 0.0, reach: 1.0 };
+    let hull = |points: &[[f64; 2]]| Hull { points: points.to_vec(), err: 0.0, reach: 1.0 };
     let a = hull(&[[-1.0, -1.0], [1e-307, -1e-307], [1e-307 + tiny, -1e-307 - tiny], [1.0, 1.0]]);
     let b = hull(&[[0.145, -0.005], [0.155, 0.005], [0.0, 0.126]]);
     assert!(!a.separated(&b, &Budget::new(2)));
