@@ -15,6 +15,10 @@ pub const PACKED: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [
 /// Added to divisors that may vanish together with their dividend.
 const TINY: f64 = 1e-200;
 
+/// Newton decrement, relative to the energy, below which the exact Hessian is tried: steps along it then gain digits by
+/// the square, and it is seldom indefinite so near a minimum.
+pub(crate) const EXACT_BELOW: f64 = 1e-2;
+
 /// How the Hessian of a non-convex energy is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HessianKind {

@@ -5,7 +5,7 @@ use crate::outline::Outline;
 use crate::threads;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use patchtransfer_core::fitting::boundary_fit::{BoundaryFit as Core, FEW_SIDES};
-use patchtransfer_core::fitting::side_fit::{Side, SideData};
+use patchtransfer_core::fitting::side_fit::{SideData, SideFit};
 use patchtransfer_core::spline::sampled_basis::SampledBasis;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -26,7 +26,7 @@ type LoopTuple<'py> = (
 struct BoundaryFit {
     outlines: Vec<Py<Outline>>,
     bases: Vec<SampledBasis>,
-    sides: Vec<Side>,
+    sides: Vec<SideFit>,
     joints: Vec<[usize; 2]>,
 }
 
@@ -39,7 +39,7 @@ fn read_loop(
     (indices, lengths, points, tangents, legs, stray): &LoopTuple<'_>,
     bases: &[SampledBasis],
     [slide_error, damping, shortest_leg]: [f64; 3],
-) -> PyResult<Vec<Side>> {
+) -> PyResult<Vec<SideFit>> {
     let n = indices.len();
     let (lengths, points) = (lengths.as_slice()?, points2(points)?);
     let (legs, stray) = (points2(legs)?, points2(stray)?);
@@ -64,7 +64,7 @@ fn read_loop(
             stray: stray[i],
         };
         at += count;
-        sides.push(Side::new(data, known, slide_error, damping, shortest_leg));
+        sides.push(SideFit::new(data, known, slide_error, damping, shortest_leg));
     }
     if at == lengths.len() { Ok(sides) } else { Err(mismatch("arc lengths of a loop")) }
 }

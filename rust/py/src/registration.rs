@@ -7,7 +7,7 @@ use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1,
     PyReadwriteArray2, PyUntypedArrayMethods,
 };
-use patchtransfer_core::registration::matching::Problem;
+use patchtransfer_core::registration::matching::MatchingProblem;
 use patchtransfer_core::registration::{inner_distance, thin_plate};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -119,8 +119,8 @@ struct Matching {
 }
 
 impl Matching {
-    fn problem(&self) -> Problem<'_> {
-        Problem {
+    fn problem(&self) -> MatchingProblem<'_> {
+        MatchingProblem {
             source: &self.source,
             target: &self.target,
             cost: &self.cost,

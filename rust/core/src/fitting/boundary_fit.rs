@@ -3,7 +3,7 @@
 //! Every side is fitted by itself, but at a smooth joint the legs of both sides lie on one line through the joint, whose
 //! angle is found together with those of all others.
 
-use crate::fitting::side_fit::Side;
+use crate::fitting::side_fit::SideFit;
 use crate::numeric::tridiagonal::solve_cyclic;
 use crate::outline::Outline;
 use crate::spline::sampled_basis::SampledBasis;
@@ -20,25 +20,25 @@ const LIFT: f64 = 1e-9;
 pub struct BoundaryFit<'a> {
     outlines: Vec<&'a Outline>,
     bases: &'a [SampledBasis],
-    sides: &'a mut [Side],
+    sides: &'a mut [SideFit],
     joints: &'a [[usize; 2]],
 }
 
 impl<'a> BoundaryFit<'a> {
-    /// Sides of [`Side::new`] with what they refer to, and the smooth joints: the sides `[before, after]`, in the order
+    /// Sides of [`SideFit::new`] with what they refer to, and the smooth joints: the sides `[before, after]`, in the order
     /// of the loops.
     pub fn new(
         outlines: Vec<&'a Outline>,
         bases: &'a [SampledBasis],
-        sides: &'a mut [Side],
+        sides: &'a mut [SideFit],
         joints: &'a [[usize; 2]],
     ) -> Self {
         Self { outlines, bases, sides, joints }
     }
 
-    fn each(&mut self, work: impl Fn(&mut Side, &SampledBasis, &Outline) + Sync) {
+    fn each(&mut self, work: impl Fn(&mut SideFit, &SampledBasis, &Outline) + Sync) {
         let (outlines, bases) = (&self.outlines, self.bases);
-        let one = |side: &mut Side| {
+        let one = |side: &mut SideFit| {
             let [basis, outline] = side.refers_to();
             work(side, &bases[basis], outlines[outline]);
         };
@@ -87,7 +87,7 @@ impl<'a> BoundaryFit<'a> {
 
     /// Way that every side backs up against the target; where there is any it has loops or cusps.
     pub fn backwards(&self) -> Vec<f64> {
-        self.sides.iter().map(Side::backwards).collect()
+        self.sides.iter().map(SideFit::backwards).collect()
     }
 
     /// Put both legs of every smooth joint on the mean of their directions.
@@ -151,9 +151,9 @@ impl<'a> BoundaryFit<'a> {
 
     fn turning(&self) -> Vec<crate::fitting::side_fit::Turning> {
         if self.sides.len() < FEW_SIDES {
-            self.sides.iter().map(Side::turning).collect()
+            self.sides.iter().map(SideFit::turning).collect()
         } else {
-            self.sides.par_iter().with_min_len(SIDES_PER_TASK).map(Side::turning).collect()
+            self.sides.par_iter().with_min_len(SIDES_PER_TASK).map(SideFit::turning).collect()
         }
     }
 

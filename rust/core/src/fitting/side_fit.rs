@@ -46,7 +46,7 @@ fn towards(leg: [f64; 2], t: [f64; 2], angle: f64) -> [f64; 2] {
 
 /// A side and the state of its fit.
 #[derive(Clone, Debug)]
-pub struct Side {
+pub struct SideFit {
     data: SideData,
     /// Arc lengths now.
     lengths: Vec<f64>,
@@ -73,7 +73,7 @@ pub struct Side {
 /// Stiffness against turning the legs, and the negative gradient of the squared error in the angles.
 pub type Turning = ([[f64; 2]; 2], [f64; 2]);
 
-impl Side {
+impl SideFit {
     /// `slide_error`: sliding by the whole side costs as much as this error, squared.
     pub fn new(
         data: SideData,

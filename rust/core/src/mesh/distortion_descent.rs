@@ -7,17 +7,15 @@
 
 use rayon::prelude::*;
 
-use crate::distortion::{self, HessianKind, PACKED};
+use crate::distortion::{self, EXACT_BELOW, HessianKind, PACKED};
 use crate::mesh::laplacian::{FaceGeometry, MeshError};
 use crate::numeric::lanes::Lanes;
-use crate::numeric::sparse::{Cholesky, CooMatrix, CscMatrix, congruence, upper_triangle};
+use crate::numeric::sparse::{Cholesky, CooMatrix, CscMatrix, NOWHERE, congruence, multiply, upper_triangle};
 
 /// ε of the barrier: nothing, on faces that are not flipped.
 const EPS: f64 = 0.0;
 /// Sums are formed per chunk and added in order, so results do not depend on the number of threads.
 const CHUNK: usize = 1024;
-/// Relative decrement below which the exact Hessian is tried first.
-const EXACT_BELOW: f64 = 1e-2;
 /// Fraction of the way to the first flip that a step may go.
 const WAY: f64 = 0.9;
 const HALVINGS: usize = 40;
@@ -61,8 +59,6 @@ pub struct DistortionDescent {
     null_space: Option<CscMatrix<f64>>,
     cholesky: Cholesky,
 }
-
-const NOWHERE: u32 = u32::MAX;
 
 impl DistortionDescent {
     /// Prepare a mesh: counter-clockwise faces, fixed vertices (any order), and a basis Z of the displacements of the
@@ -177,7 +173,7 @@ impl DistortionDescent {
         self.cholesky.solve(&mut solution);
         let free_step = match &self.null_space {
             None => solution,
-            Some(z) => crate::numeric::sparse::multiply(z, &solution, 1),
+            Some(z) => multiply(z, &solution, 1),
         };
         let decrement = -gradient.iter().zip(&free_step).map(|(g, s)| g * s).sum::<f64>();
         let mut step = vec![[0.0; 2]; u.len()];

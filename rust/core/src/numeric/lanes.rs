@@ -141,20 +141,20 @@ pub(crate) fn fused<const FUSED: bool>(a: f64, b: f64, c: f64) -> f64 {
 /// Work compiled once for every kind of vector unit; `FUSED` says whether it multiplies and adds at once.
 ///
 /// Whatever `run` calls must be `#[inline(always)]`, or it is compiled for the least common machine.
-pub(crate) trait Kernel {
+pub(crate) trait Vectorizable {
     type Output;
     fn run<const FUSED: bool>(self) -> Self::Output;
 }
 
 /// Run on the best vector unit of this machine.
-pub(crate) fn vectorized<K: Kernel>(kernel: K) -> K::Output {
-    struct Dispatch<K>(K);
-    impl<K: Kernel> WithSimd for Dispatch<K> {
-        type Output = K::Output;
+pub(crate) fn vectorized<W: Vectorizable>(work: W) -> W::Output {
+    struct Dispatch<W>(W);
+    impl<W: Vectorizable> WithSimd for Dispatch<W> {
+        type Output = W::Output;
         #[inline(always)]
-        fn with_simd<S: Simd>(self, _: S) -> K::Output {
+        fn with_simd<S: Simd>(self, _: S) -> W::Output {
             if S::F64_LANES > 1 { self.0.run::<true>() } else { self.0.run::<false>() }
         }
     }
-    Arch::new().dispatch(Dispatch(kernel))
+    Arch::new().dispatch(Dispatch(work))
 }

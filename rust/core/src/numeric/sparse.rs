@@ -15,6 +15,9 @@ use faer::{Conj, MatMut, Par, Side};
 pub use nalgebra_sparse::{CooMatrix, CscMatrix};
 use thiserror::Error;
 
+/// Number of what is fixed among unknowns, and place of an entry with it among the values of a pattern: none.
+pub(crate) const NOWHERE: u32 = u32::MAX;
+
 /// Why a factorization is not available.
 #[derive(Debug, Error, Clone, PartialEq, Eq)]
 pub enum SparseError {

@@ -8,7 +8,7 @@
 
 use rayon::prelude::*;
 
-use crate::numeric::lanes::{Kernel, vectorized};
+use crate::numeric::lanes::{Vectorizable, vectorized};
 
 const CHUNK: usize = 8192;
 /// Matrices whose factors are kept between two loops.
@@ -98,7 +98,7 @@ struct Projection<'a> {
     out: &'a mut [[f64; 4]],
 }
 
-impl Kernel for Projection<'_> {
+impl Vectorizable for Projection<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -1,11 +1,8 @@
 //! Where strips' matrices go: the sparsity of the Hessian over the free points, and over the coordinates of a basis.
 
-use crate::numeric::sparse::{CooMatrix, CscMatrix, congruence, upper_triangle};
+use crate::numeric::sparse::{CooMatrix, CscMatrix, NOWHERE, congruence, upper_triangle};
 use crate::optimizer::elements::{Elements, Strip};
 use crate::optimizer::strip_kernel::Buffers;
-
-/// Index of fixed points, and of pairs of functions with one: nothing to add.
-pub(crate) const NOWHERE: u32 = u32::MAX;
 
 /// How the block of functions f, g goes to that of their points r, s; only r ≤ s is stored.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 //! Knots need not be uniform. Whether a knot stays is decided once for all directions that are glued to each other
 //! through opposite sides, so that both sides of every interface keep the same knots.
 
-use crate::optimizer::assembly::NOWHERE;
+use crate::numeric::sparse::NOWHERE;
 use std::collections::HashMap;
 
 /// A coarser space and its embedding.

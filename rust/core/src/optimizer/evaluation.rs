@@ -1,8 +1,9 @@
 //! Sums over all strips: in parallel, added in the order of the strips whatever the number of threads.
 
+use crate::distortion::HessianKind;
 use crate::optimizer::assembly::Assembly;
 use crate::optimizer::elements::Elements;
-use crate::optimizer::strip_kernel::{Buffers, Evaluation, Order, Parameters, Summary};
+use crate::optimizer::strip_kernel::{Buffers, Order, Parameters, StripKernel, Summary};
 use rayon::prelude::*;
 
 /// Strips evaluated before their contributions are added.
@@ -39,7 +40,7 @@ impl Evaluator {
             let count = BATCH.min(elements.len() - start);
             let work = |(k, buffers): (usize, &mut Buffers)| {
                 let (strip, nodes) = (&elements.strips[start + k], &nodes[start + k]);
-                Evaluation { strip, nodes, axes: &elements.axes, x, parameters, order, buffers }.evaluate()
+                StripKernel { strip, nodes, axes: &elements.axes, x, parameters, order, buffers }.evaluate()
             };
             slots[..count].par_iter_mut().enumerate().map(work).collect_into_vec(summaries);
             for (k, s) in summaries.iter().enumerate() {
@@ -92,7 +93,7 @@ impl Evaluator {
         &mut self,
         x: &[[f64; 2]],
         parameters: Parameters,
-        kind: crate::distortion::HessianKind,
+        kind: HessianKind,
         assembly: &Assembly,
         values: &mut [f64],
     ) {

@@ -18,7 +18,7 @@ use crate::optimizer::assembly::{Assembly, Reduced};
 use crate::optimizer::coarse::{Coarse, coarsen};
 use crate::optimizer::elements::{ElementError, Elements, ExtraNode, Space};
 use crate::optimizer::evaluation::Evaluator;
-use crate::optimizer::newton::{EPS_FEASIBLE, Problem};
+use crate::optimizer::newton::{EPS_FEASIBLE, NewtonProblem};
 pub use crate::optimizer::newton::{Outcome, Settings, Step, Stop};
 use crate::optimizer::ordering::{Net, nested_dissection};
 use crate::optimizer::strip_kernel::{Parameters, Summary};
@@ -68,9 +68,9 @@ pub struct Model {
 /// A multi-patch prepared for harmonic maps and distortion minimisation; all symbolic work is done once.
 pub struct SplineOptimizer {
     model: Model,
-    problem: Problem,
+    problem: NewtonProblem,
     /// Coarser spaces, the coarsest last.
-    coarser: Vec<(Coarse, Problem)>,
+    coarser: Vec<(Coarse, NewtonProblem)>,
     /// Factorization of the Laplacian over the unknowns, once it was asked for.
     laplacian: Option<Cholesky>,
     /// The last map whose determinants were asked for.
@@ -98,7 +98,7 @@ impl SplineOptimizer {
         let whole = z.is_none();
         let space = Space { knots: &knots, indices: &model.indices };
         let problem = model.problem(&space, model.n_points, free, z)?;
-        let mut coarser: Vec<(Coarse, Problem)> = vec![];
+        let mut coarser: Vec<(Coarse, NewtonProblem)> = vec![];
         if whole && problem.free.len() >= COARSE_FROM {
             let degrees: Vec<[usize; 2]> = model.reference.iter().map(|p| p.degrees).collect();
             loop {
@@ -296,7 +296,7 @@ impl Model {
         n_points: usize,
         free: Vec<usize>,
         z: Option<CscMatrix<f64>>,
-    ) -> Result<Problem, SetupError> {
+    ) -> Result<NewtonProblem, SetupError> {
         let rule = |degree: usize| self.nodes_per_degree * degree + 1;
         let mut elements = Elements::on_space(&self.reference, space, rule, &self.extra, &self.excluded)?;
         if free.len() >= FEWER_NODES_FROM {
@@ -317,7 +317,7 @@ impl Model {
         let (offsets, rows) =
             (offsets.as_ref().unwrap_or(&assembly.offsets), rows.as_ref().unwrap_or(&assembly.rows));
         let cholesky = Cholesky::analyse(offsets, rows, pairs.as_deref())?;
-        Ok(Problem::new(Evaluator::new(elements), assembly, free, reduced, cholesky, order))
+        Ok(NewtonProblem::new(Evaluator::new(elements), assembly, free, reduced, cholesky, order))
     }
 
     fn order(&self, space: &Space, free_of: &[u32], n_free: usize) -> Vec<usize> {

@@ -3,7 +3,7 @@
 //! Guarantees: the energy never increases for a given ε; once all nodes have det A > 0 no later iterate loses that.
 //! Not guaranteed: that a fold-free map is found, nor anything between the nodes; the certificate decides that.
 
-use crate::distortion::HessianKind;
+use crate::distortion::{EXACT_BELOW, HessianKind};
 use crate::numeric::quasi_newton::Memory;
 use crate::numeric::sparse::{Cholesky, SparseError};
 use crate::optimizer::assembly::{Assembly, Reduced};
@@ -15,8 +15,6 @@ use std::ops::ControlFlow;
 pub(crate) const EPS_FEASIBLE: f64 = 1e-9;
 /// Newton steps for one value of ε while folds remain.
 const STEPS_PER_EPS: usize = 4;
-/// Relative decrement below which the exact Hessian is tried.
-const EXACT_BELOW: f64 = 1e-2;
 /// Relative decrement below which the last factorization may serve for another step ...
 const KEEP_BELOW: f64 = 1e-3;
 /// ... as long as every such step lowers the decrement by this factor: it costs a third of a factorization.
@@ -92,7 +90,7 @@ pub struct Outcome {
 pub(crate) type Observer<'a> = dyn FnMut(&Step) -> ControlFlow<()> + 'a;
 
 /// The energy on one spline space, and the systems of its Newton steps.
-pub(crate) struct Problem {
+pub(crate) struct NewtonProblem {
     pub evaluator: Evaluator,
     pub assembly: Assembly,
     pub free: Vec<usize>,
@@ -118,7 +116,7 @@ struct Iterate {
     gradient: Vec<f64>,
 }
 
-impl Problem {
+impl NewtonProblem {
     pub fn new(
         evaluator: Evaluator,
         assembly: Assembly,

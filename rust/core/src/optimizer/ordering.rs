@@ -3,7 +3,7 @@
 //! Points on interfaces separate the patches on either side; inside a patch of degree p, p rows of points separate
 //! what lies beyond them. George: *Nested dissection of a regular finite element mesh*, SIAM J. Numer. Anal. 10, 1973.
 
-use crate::optimizer::assembly::NOWHERE;
+use crate::numeric::sparse::NOWHERE;
 
 /// Points of a patch: free index of function (i, j) at `[i * shape[1] + j]`, and where the patch lies.
 pub(crate) struct Net {

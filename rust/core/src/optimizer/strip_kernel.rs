@@ -5,7 +5,7 @@
 //! direction is touched, which a span at a time would do over and over.
 
 use crate::distortion::{self, HessianKind};
-use crate::numeric::lanes::{Kernel, Lanes, WIDTH, fused, vectorized};
+use crate::numeric::lanes::{Lanes, Vectorizable, WIDTH, fused, vectorized};
 use crate::optimizer::axis::Axis;
 use crate::optimizer::elements::{Nodes, Strip};
 
@@ -60,8 +60,8 @@ pub(crate) struct Buffers {
     pub rows: Vec<f64>,
 }
 
-/// One strip's evaluation.
-pub(crate) struct Evaluation<'a> {
+/// What is evaluated on one strip, and where.
+pub(crate) struct StripKernel<'a> {
     pub strip: &'a Strip,
     pub nodes: &'a Nodes,
     pub axes: &'a [Axis],
@@ -71,7 +71,7 @@ pub(crate) struct Evaluation<'a> {
     pub buffers: &'a mut Buffers,
 }
 
-impl Evaluation<'_> {
+impl StripKernel<'_> {
     /// Evaluate on the best vector unit of this machine.
     pub fn evaluate(self) -> Summary {
         vectorized(self)
@@ -86,7 +86,7 @@ impl Evaluation<'_> {
     }
 }
 
-impl Kernel for Evaluation<'_> {
+impl Vectorizable for StripKernel<'_> {
     type Output = Summary;
 
     #[inline(always)]
@@ -127,7 +127,7 @@ fn cleared(buffer: &mut Vec<f64>, length: usize) -> &mut [f64] {
 
 /// Coordinates and their derivatives in the first direction at its nodes, for every row of functions.
 #[inline(always)]
-fn interpolate<const FUSED: bool>(e: &mut Evaluation) {
+fn interpolate<const FUSED: bool>(e: &mut StripKernel) {
     let (u, columns) = (&e.axes[e.nodes.u], e.nodes.columns);
     let [n_u, n_v] = e.strip.shape;
     let fields = cleared(&mut e.buffers.fields, 4 * n_v * columns);
@@ -153,7 +153,11 @@ fn interpolate<const FUSED: bool>(e: &mut Evaluation) {
 
 /// Inverse of the reference Jacobian times the scale, weight, and `A` at eight nodes of a row.
 #[inline(always)]
-fn at_nodes<const FUSED: bool>(e: &Evaluation, row: usize, column: usize) -> ([Lanes; 4], Lanes, [Lanes; 4]) {
+fn at_nodes<const FUSED: bool>(
+    e: &StripKernel,
+    row: usize,
+    column: usize,
+) -> ([Lanes; 4], Lanes, [Lanes; 4]) {
     let (v, columns, n_v) = (e.v(), e.nodes.columns, e.strip.shape[1]);
     let first = v.first[row / v.per_span];
     let mut j = if e.nodes.base.is_empty() {
@@ -209,7 +213,7 @@ impl Totals {
 }
 
 #[inline(always)]
-fn sweep_energy<const FUSED: bool>(e: &mut Evaluation) -> Summary {
+fn sweep_energy<const FUSED: bool>(e: &mut StripKernel) -> Summary {
     let Parameters { eps, lambda, .. } = e.parameters;
     let mut totals = Totals::new();
     for row in 0..e.v().nodes() {
@@ -224,7 +228,7 @@ fn sweep_energy<const FUSED: bool>(e: &mut Evaluation) -> Summary {
 
 /// Energy, and its derivatives by the fields (`buffers.by_node`).
 #[inline(always)]
-fn sweep_gradient<const FUSED: bool, const DIRICHLET: bool>(e: &mut Evaluation) -> Summary {
+fn sweep_gradient<const FUSED: bool, const DIRICHLET: bool>(e: &mut StripKernel) -> Summary {
     let Parameters { eps, lambda, .. } = e.parameters;
     let (columns, n_v) = (e.nodes.columns, e.strip.shape[1]);
     let mut by_field = std::mem::take(&mut e.buffers.by_node);
@@ -259,7 +263,7 @@ fn sweep_gradient<const FUSED: bool, const DIRICHLET: bool>(e: &mut Evaluation) 
 }
 
 #[inline(always)]
-fn collect_gradient<const FUSED: bool>(e: &mut Evaluation) {
+fn collect_gradient<const FUSED: bool>(e: &mut StripKernel) {
     let (u, columns) = (&e.axes[e.nodes.u], e.nodes.columns);
     let [n_u, n_v] = e.strip.shape;
     e.buffers.gradient.clear();
@@ -283,7 +287,7 @@ fn collect_gradient<const FUSED: bool>(e: &mut Evaluation) {
 /// Second derivatives by the Jacobian's entries at eight nodes, packed.
 #[inline(always)]
 fn second_derivatives<const FUSED: bool>(
-    e: &Evaluation,
+    e: &StripKernel,
     kind: HessianKind,
     row: usize,
     column: usize,
@@ -308,7 +312,7 @@ fn second_derivatives<const FUSED: bool>(
 
 /// `w T Tᵀ`: the Laplacian's coefficients.
 #[inline(always)]
-fn metric(e: &Evaluation, row: usize, column: usize) -> [Lanes; 3] {
+fn metric(e: &StripKernel, row: usize, column: usize) -> [Lanes; 3] {
     let plane = |k: usize| Lanes::load(&e.nodes.planes[(row * 5 + k) * e.nodes.columns + column..]);
     let (t, w) = ([plane(0), plane(1), plane(2), plane(3)], plane(4));
     [w * (t[0] * t[0] + t[1] * t[1]), w * (t[0] * t[2] + t[1] * t[3]), w * (t[2] * t[2] + t[3] * t[3])]
@@ -322,7 +326,7 @@ fn coefficient<const COMPONENTS: usize>(cd: usize, kl: usize) -> usize {
 
 /// Matrix of the energy (`COMPONENTS` = 4) or of the Laplacian (1), into `buffers.rows`.
 #[inline(always)]
-fn sweep_matrix<const FUSED: bool, const COMPONENTS: usize>(e: &mut Evaluation, kind: HessianKind) {
+fn sweep_matrix<const FUSED: bool, const COMPONENTS: usize>(e: &mut StripKernel, kind: HessianKind) {
     let (columns, [n_u, n_v]) = (e.nodes.columns, e.strip.shape);
     let (n, per_span, spans) = (e.v().n, e.v().per_span, e.v().first.len());
     let width = 2 * e.u().n - 1;

@@ -36,7 +36,7 @@ const STEPS: [(usize, usize); 23] = [
 const FORBIDDEN: f64 = 1e6;
 
 /// What a matching costs. Positions and saliences have one entry more than nodes: the first node a full turn later.
-pub struct Problem<'a> {
+pub struct MatchingProblem<'a> {
     /// Increasing positions of the source's nodes, from 0 to 1.
     pub source: &'a [f64],
     /// Increasing positions of the target's nodes, from 0 to 1.
@@ -55,7 +55,7 @@ pub struct Problem<'a> {
     pub band: f64,
 }
 
-impl Problem<'_> {
+impl MatchingProblem<'_> {
     fn size(&self) -> (usize, usize) {
         (self.source.len() - 1, self.target.len() - 1)
     }
@@ -155,8 +155,8 @@ mod tests {
     }
 
     impl Data {
-        fn problem<'a>(&'a self, zero: &'a [f64]) -> Problem<'a> {
-            Problem {
+        fn problem<'a>(&'a self, zero: &'a [f64]) -> MatchingProblem<'a> {
+            MatchingProblem {
                 source: &self.source,
                 target: &self.target,
                 cost: &self.cost,
@@ -188,7 +188,7 @@ mod tests {
     }
 
     /// Cost of a path, added up pair by pair.
-    fn price(p: &Problem<'_>, path: &[[usize; 2]]) -> f64 {
+    fn price(p: &MatchingProblem<'_>, path: &[[usize; 2]]) -> f64 {
         let (n, m) = p.size();
         let (at_s, at_t) =
             (|i: usize| p.source[i % n] + (i / n) as f64, |j: usize| p.target[j % m] + (j / m) as f64);
@@ -205,7 +205,7 @@ mod tests {
     }
 
     /// The cheapest continuation of a path to the pair `end`, by trying all.
-    fn cheapest(p: &Problem<'_>, path: &mut Vec<[usize; 2]>, end: [usize; 2]) -> f64 {
+    fn cheapest(p: &MatchingProblem<'_>, path: &mut Vec<[usize; 2]>, end: [usize; 2]) -> f64 {
         let last = path[path.len() - 1];
         if last == end {
             return price(p, path);

@@ -3,7 +3,7 @@
 //! Row by row: control points are contracted with the bases along u once for a row, and the curves that this gives
 //! are sampled along v, a knot span at a time. Both ends of every span belong to the grid, each seen from inside.
 
-use crate::numeric::lanes::{Kernel, fused, vectorized};
+use crate::numeric::lanes::{Vectorizable, fused, vectorized};
 use crate::spline::{SplinePatch, basis_on_span, spans};
 use rayon::prelude::*;
 
@@ -81,11 +81,11 @@ pub fn measure(
 /// Points and scaled Jacobians of a patch.
 pub fn grid(patch: &SplinePatch, sign: f64, samples: usize) -> Grid {
     let sheet = Sheet::new(patch, samples);
-    vectorized(Sampling { sheet: &sheet, sign })
+    vectorized(GridSampling { sheet: &sheet, sign })
 }
 
 /// Basis functions at the samples of one direction.
-struct Axis {
+struct GridAxis {
     degree: usize,
     samples: usize,
     /// First control point of every span.
@@ -97,7 +97,7 @@ struct Axis {
     slopes: Vec<f64>,
 }
 
-impl Axis {
+impl GridAxis {
     fn new(knots: &[f64], degree: usize, samples: usize) -> Self {
         let spans = spans(knots, degree);
         let size = spans.len() * (degree + 1) * samples;
@@ -137,7 +137,7 @@ impl Axis {
 
 /// A patch with the bases of its grid, its homogeneous coordinates one after the other, about its first control point.
 struct Sheet {
-    axes: [Axis; 2],
+    axes: [GridAxis; 2],
     coordinates: Vec<Vec<f64>>,
     origin: [f64; 2],
     unit: f64,
@@ -160,7 +160,7 @@ impl Sheet {
         let mut coordinates: Vec<Vec<f64>> = vec![coordinate(0), coordinate(1)];
         coordinates.extend(patch.weights.clone());
         let length = |d: usize| patch.knots[d][patch.knots[d].len() - 1] - patch.knots[d][0];
-        let axes = [0, 1].map(|d| Axis::new(&patch.knots[d], patch.degrees[d], samples));
+        let axes = [0, 1].map(|d| GridAxis::new(&patch.knots[d], patch.degrees[d], samples));
         Self { axes, coordinates, origin, unit, aspect: length(0) / length(1) }
     }
 }
@@ -263,7 +263,7 @@ fn accumulate<const FUSED: bool>(out: &mut [f64], factor: f64, row: &[f64]) {
 
 /// Sum over the basis functions along v, at all samples.
 #[inline(always)]
-fn along_v<const FUSED: bool>(v: &Axis, coefficients: &[f64], basis: &[f64], out: &mut [f64]) {
+fn along_v<const FUSED: bool>(v: &GridAxis, coefficients: &[f64], basis: &[f64], out: &mut [f64]) {
     let (order, samples) = (v.degree + 1, v.samples);
     let blocks = basis.chunks_exact(order * samples).zip(out.chunks_exact_mut(samples));
     for ((block, out), &first) in blocks.zip(&v.first) {
@@ -280,7 +280,7 @@ struct Measurement<'a> {
     excluded: &'a [usize],
 }
 
-impl Kernel for Measurement<'_> {
+impl Vectorizable for Measurement<'_> {
     type Output = PatchQuality;
 
     #[inline(always)]
@@ -324,12 +324,12 @@ impl Kernel for Measurement<'_> {
     }
 }
 
-struct Sampling<'a> {
+struct GridSampling<'a> {
     sheet: &'a Sheet,
     sign: f64,
 }
 
-impl Kernel for Sampling<'_> {
+impl Vectorizable for GridSampling<'_> {
     type Output = Grid;
 
     #[inline(always)]
