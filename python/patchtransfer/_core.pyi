@@ -69,7 +69,7 @@ class BoundaryFit:
     ) -> None: ...
     def linearise(self, level: bool) -> None: ...
     def solve(self) -> None: ...
-    def hold_ends(self, most: float) -> None: ...
+    def hold_ends(self, most: float, back: float) -> None: ...
     def align(self) -> None: ...
     def turn(self, shares: FloatArray, most: float) -> None: ...
     def errors(self, whole: bool) -> FloatArray: ...
@@ -161,7 +161,7 @@ class SplineOptimizer:
         indices: list[NDArray[np.int64]],
         n_points: int,
         free: list[int],
-        nodes_per_degree: int = 2,
+        nodes_per_degree: int,
         extra: list[tuple[int, float, float]] = ...,
         excluded: list[tuple[int, int]] = ...,
         z: tuple[NDArray[np.int64], NDArray[np.int64], FloatArray, int] | None = None,
@@ -173,9 +173,9 @@ class SplineOptimizer:
     def minimise(
         self,
         points: FloatArray,
-        lambda_: float = 0.3,
-        max_steps: int = 200,
-        tolerance: float = 1e-8,
+        lambda_: float,
+        max_steps: int,
+        tolerance: float,
         callback: Callable[[int, float, float], None] | None = None,
         seconds: float | None = None,
     ) -> tuple[FloatArray, float, float, FloatArray, str]: ...

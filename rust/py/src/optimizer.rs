@@ -29,7 +29,7 @@ fn runtime(error: impl std::fmt::Display) -> PyErr {
 #[pymethods]
 impl SplineOptimizer {
     #[new]
-    #[pyo3(signature = (reference, indices, n_points, free, nodes_per_degree=2, extra=vec![], excluded=vec![], z=None))]
+    #[pyo3(signature = (reference, indices, n_points, free, nodes_per_degree, extra=vec![], excluded=vec![], z=None))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
@@ -105,7 +105,7 @@ impl SplineOptimizer {
         Ok((energy, rows(py, &gradient)))
     }
 
-    #[pyo3(signature = (points, lambda_=0.3, max_steps=200, tolerance=1e-8, callback=None, seconds=None))]
+    #[pyo3(signature = (points, lambda_, max_steps, tolerance, callback=None, seconds=None))]
     #[allow(clippy::too_many_arguments)]
     fn minimise<'py>(
         &mut self,

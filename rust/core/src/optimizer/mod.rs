@@ -36,6 +36,9 @@ const COARSE_FROM: usize = 1_000;
 const COARSEST: usize = 60;
 /// Decrement relative to the energy at which a coarser space is left.
 const COARSE_TOLERANCE: f64 = 1e-5;
+/// ε with which a start from coarser spaces is compared with the given one: large enough for folds to count by their
+/// depth, small enough not to blur maps without.
+const EPS_COMPARED: f64 = 1e-3;
 
 /// Why an optimizer cannot be set up.
 #[derive(Debug, Error, Clone, PartialEq)]
@@ -245,8 +248,8 @@ impl SplineOptimizer {
         observe: &mut dyn FnMut(&Step) -> ControlFlow<()>,
     ) -> Result<CoarseStart, SparseError> {
         let coarse = Settings { tolerance: settings.tolerance.max(COARSE_TOLERANCE), ..settings };
-        // Judged at the nodes of the finest space, with an ε that sees folds.
-        let at = Parameters { scale, eps: 1e-3, lambda: settings.lambda };
+        // At the nodes of the finest space.
+        let at = Parameters { scale, eps: EPS_COMPARED, lambda: settings.lambda };
         let before = self.problem.evaluator.energy(x, at);
         let same = CoarseStart { points: x.to_vec(), found: before, settled: false };
         let (mut correction, mut gain, mut stopped) = (vec![], f64::INFINITY, false);

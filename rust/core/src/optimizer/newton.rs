@@ -15,6 +15,11 @@ use std::ops::ControlFlow;
 pub(crate) const EPS_FEASIBLE: f64 = 1e-9;
 /// Newton steps for one value of ε while folds remain.
 const STEPS_PER_EPS: usize = 4;
+/// Factor of ε where the folds do not open: it must fall all the same, or the iteration would stay where it is.
+const LOWER_EPS: f64 = 0.9;
+/// ε² while folds remain: at least this, to divide by, and this part of the deepest fold's square, a fifth of its depth.
+const LEAST_EPS_SQUARED: f64 = 1e-12;
+const EPS_PER_FOLD_SQUARED: f64 = 0.04;
 /// Relative decrement below which the last factorization may serve for another step ...
 const KEEP_BELOW: f64 = 1e-3;
 /// ... as long as every such step lowers the decrement by this factor: it costs a third of a factorization.
@@ -28,6 +33,15 @@ const SLOW: f64 = 0.2;
 const LENGTHEN_FROM: f64 = 1e-2;
 const LONGEST: f64 = 8.0;
 
+/// Part of the fall in energy that the slope promises with which a step is content: next to none, as Newton's steps are
+/// long enough by themselves (Armijo's rule; Nocedal and Wright, *Numerical Optimization*, §3.1).
+const SUFFICIENT: f64 = 1e-4;
+/// Part of a Newton step below which the energy changes by rounding.
+const SHORTEST: f64 = 1e-8;
+/// Part of its mean by which the diagonal is lifted where the Hessian is definite but for rounding: far above what a
+/// factorization loses, and far below what would slow a step down.
+const LIFT: f64 = 1e-9;
+
 /// Settings of [`crate::optimizer::SplineOptimizer::minimise`].
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
@@ -37,12 +51,6 @@ pub struct Settings {
     pub max_steps: usize,
     /// Stop when the Newton decrement is below this fraction of the energy.
     pub tolerance: f64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self { lambda: 0.3, max_steps: 200, tolerance: 1e-8 }
-    }
 }
 
 /// One Newton step as reported to the observer.
@@ -116,6 +124,28 @@ struct Iterate {
     gradient: Vec<f64>,
 }
 
+/// An iteration under way.
+struct Run {
+    at: Parameters,
+    now: Iterate,
+    /// Memory for another iterate.
+    trial: Iterate,
+    direction: Vec<f64>,
+    steps: Vec<Step>,
+    /// Steps since ε was changed.
+    since_eps: usize,
+    /// Whether the last factorization is of the present energy, so that it may be good for another step.
+    usable: bool,
+}
+
+/// What is known of a direction.
+struct Direction {
+    /// The energy's slope along it.
+    slope: f64,
+    /// Whether it is by a factorization of the Hessian here.
+    fresh: bool,
+}
+
 impl NewtonProblem {
     pub fn new(
         evaluator: Evaluator,
@@ -154,85 +184,105 @@ impl NewtonProblem {
         settings: Settings,
         observe: &mut Observer,
     ) -> Result<Outcome, SparseError> {
-        let mut at = Parameters { scale, eps: EPS_FEASIBLE, lambda: settings.lambda };
-        let mut since_eps = 0;
+        let mut run = self.begin(x, Parameters { scale, eps: EPS_FEASIBLE, lambda: settings.lambda });
+        let stop = loop {
+            if self.unknowns() == 0 {
+                break Stop::Converged;
+            }
+            if run.steps.len() >= settings.max_steps {
+                break Stop::StepLimit;
+            }
+            let found = self.find_direction(&mut run)?;
+            let step = run.steps[run.steps.len() - 1];
+            if observe(&step).is_break() {
+                break Stop::Interrupted;
+            }
+            if let Some(stop) = self.go(&mut run, found, step.decrement < settings.tolerance) {
+                break stop;
+            }
+        };
+        let Summary { energy, min_det, .. } = run.now.summary;
+        Ok(Outcome { points: run.now.x, energy, min_det, steps: run.steps, stop })
+    }
+
+    /// The start with its energy, for an ε that sees its folds.
+    fn begin(&mut self, x: &[[f64; 2]], mut at: Parameters) -> Run {
         self.distrust = false;
         let mut now = self.iterate(x.to_vec(), at);
         if now.summary.min_det <= 0.0 {
             at.eps = eps_for(now.summary.min_det);
             self.evaluate(&mut now, at);
         }
-        let mut trial = Iterate { x: x.to_vec(), summary: now.summary, gradient: now.gradient.clone() };
-        let mut steps: Vec<Step> = vec![];
-        let mut direction = vec![0.0; self.unknowns()];
-        // Whether the last factorization is of the present energy, so that it may be good for another step.
-        let mut usable = false;
-        let stop = loop {
-            if self.unknowns() == 0 {
-                break Stop::Converged;
+        let trial = Iterate { x: x.to_vec(), summary: now.summary, gradient: now.gradient.clone() };
+        let direction = vec![0.0; self.unknowns()];
+        Run { at, now, trial, direction, steps: vec![], since_eps: 0, usable: false }
+    }
+
+    /// Newton's direction, by the last factorization where that will do, and the step that it promises.
+    fn find_direction(&mut self, run: &mut Run) -> Result<Direction, SparseError> {
+        let last = run.steps.last().copied();
+        let near = |below: f64| last.is_some_and(|s| s.min_det > 0.0 && s.decrement < below);
+        let kept = run.usable && near(KEEP_BELOW);
+        let mut fresh = !kept;
+        if fresh {
+            self.factorize(&run.now, run.at, near(EXACT_BELOW))?;
+        }
+        let mut slope = self.solve(&run.now.gradient, &mut run.direction);
+        if kept && last.is_some_and(|s| -slope > KEEP_WHILE * s.decrement * s.energy) {
+            self.factorize(&run.now, run.at, true)?;
+            slope = self.solve(&run.now.gradient, &mut run.direction);
+            fresh = true;
+        }
+        let Summary { energy, min_det, .. } = run.now.summary;
+        let step = Step { energy, min_det, eps: run.at.eps, decrement: -slope / energy.abs() };
+        // Newton's method is nearly quadratic here, or the Hessian is not that of the energy.
+        self.distrust |=
+            near(EXACT_BELOW) && !kept && last.is_some_and(|s| step.decrement > SLOW * s.decrement);
+        run.steps.push(step);
+        Ok(Direction { slope, fresh })
+    }
+
+    /// Go along the direction, and lower ε while folds remain; why the iteration ends, if it does.
+    fn go(&mut self, run: &mut Run, found: Direction, converged: bool) -> Option<Stop> {
+        if converged && run.now.summary.min_det > 0.0 {
+            self.go_at_last(run);
+            return Some(Stop::Converged);
+        }
+        let goes = !converged && self.search(run, found.slope);
+        run.usable = goes;
+        if run.now.summary.min_det > 0.0 {
+            if !goes {
+                return found.fresh.then_some(Stop::Stalled);
             }
-            if steps.len() >= settings.max_steps {
-                break Stop::StepLimit;
+            if run.at.eps != EPS_FEASIBLE {
+                self.set_eps(run, EPS_FEASIBLE);
             }
-            let last = steps.last().copied();
-            let near = |below: f64| last.is_some_and(|s| s.min_det > 0.0 && s.decrement < below);
-            let kept = usable && near(KEEP_BELOW);
-            let mut fresh = !kept;
-            if fresh {
-                self.factorize(&now, at, near(EXACT_BELOW))?;
-            }
-            let mut slope = self.solve(&now.gradient, &mut direction);
-            if kept && last.is_some_and(|s| -slope > KEEP_WHILE * s.decrement * s.energy) {
-                self.factorize(&now, at, true)?;
-                slope = self.solve(&now.gradient, &mut direction);
-                fresh = true;
-            }
-            let Summary { energy, min_det, .. } = now.summary;
-            let step = Step { energy, min_det, eps: at.eps, decrement: -slope / energy.abs() };
-            steps.push(step);
-            if observe(&step).is_break() {
-                break Stop::Interrupted;
-            }
-            // Newton's method is nearly quadratic here, or the Hessian is not that of the energy.
-            self.distrust |=
-                near(EXACT_BELOW) && !kept && last.is_some_and(|s| step.decrement > SLOW * s.decrement);
-            let converged = step.decrement < settings.tolerance;
-            if converged && min_det > 0.0 {
-                // The step is at hand, and near the minimum it squares the error.
-                trial.x.copy_from_slice(&now.x);
-                self.move_points(&mut trial.x, &direction, 1.0);
-                let summary = self.evaluator.energy(&trial.x, at);
-                if summary.min_det > 0.0 && summary.energy <= energy {
-                    (now.x, now.summary) = (trial.x, summary);
-                }
-                break Stop::Converged;
-            }
-            let length =
-                if converged { None } else { self.search(&mut now, &mut trial, &direction, slope, at) };
-            usable = length.is_some();
-            if now.summary.min_det > 0.0 {
-                if length.is_none() {
-                    if fresh {
-                        break Stop::Stalled;
-                    }
-                    continue;
-                }
-                if at.eps != EPS_FEASIBLE {
-                    (at.eps, usable) = (EPS_FEASIBLE, false);
-                    self.evaluate(&mut now, at);
-                }
-                continue;
-            }
-            since_eps += 1;
-            if length.is_none() || since_eps >= STEPS_PER_EPS {
-                // Lower even where the folds do not open, or it would stay where it is.
-                let next = eps_for(now.summary.min_det).min(0.9 * at.eps);
-                (at.eps, since_eps, usable) = (next, 0, false);
-                self.evaluate(&mut now, at);
-            }
-        };
-        let Summary { energy, min_det, .. } = now.summary;
-        Ok(Outcome { points: now.x, energy, min_det, steps, stop })
+            return None;
+        }
+        run.since_eps += 1;
+        if !goes || run.since_eps >= STEPS_PER_EPS {
+            let next = eps_for(run.now.summary.min_det).min(LOWER_EPS * run.at.eps);
+            run.since_eps = 0;
+            self.set_eps(run, next);
+        }
+        None
+    }
+
+    /// The step is at hand, and near the minimum it squares the error: take it whole unless that is no gain.
+    fn go_at_last(&mut self, run: &mut Run) {
+        run.trial.x.copy_from_slice(&run.now.x);
+        self.move_points(&mut run.trial.x, &run.direction, 1.0);
+        let summary = self.evaluator.energy(&run.trial.x, run.at);
+        if summary.min_det > 0.0 && summary.energy <= run.now.summary.energy {
+            std::mem::swap(&mut run.now.x, &mut run.trial.x);
+            run.now.summary = summary;
+        }
+    }
+
+    /// Another energy: nothing factorized is good for it.
+    fn set_eps(&mut self, run: &mut Run, eps: f64) {
+        (run.at.eps, run.usable) = (eps, false);
+        self.evaluate(&mut run.now, run.at);
     }
 
     fn iterate(&mut self, x: Vec<[f64; 2]>, at: Parameters) -> Iterate {
@@ -251,55 +301,51 @@ impl NewtonProblem {
         }
     }
 
-    /// Backtrack along a direction until the energy falls enough; `now` becomes the iterate found, if there is one.
-    fn search(
-        &mut self,
-        now: &mut Iterate,
-        trial: &mut Iterate,
-        direction: &[f64],
-        slope: f64,
-        at: Parameters,
-    ) -> Option<f64> {
-        let (energy, folded, mut length) = (now.summary.energy, now.summary.min_det <= 0.0, 1.0);
-        while length >= 1e-8 {
-            trial.x.copy_from_slice(&now.x);
-            self.move_points(&mut trial.x, direction, length);
+    /// Backtrack along the direction until the energy falls enough; false where it does not.
+    fn search(&mut self, run: &mut Run, slope: f64) -> bool {
+        let (energy, folded) = (run.now.summary.energy, run.now.summary.min_det <= 0.0);
+        let mut length = 1.0;
+        while length >= SHORTEST {
             // The gradient costs little more than the energy, and the first trial is nearly always taken.
-            self.evaluate(trial, at);
-            if (folded || trial.summary.min_det > 0.0)
-                && trial.summary.energy < energy + 1e-4 * length * slope
-            {
-                std::mem::swap(now, trial);
+            self.try_out(run, length);
+            let Summary { energy: found, min_det, .. } = run.trial.summary;
+            if (folded || min_det > 0.0) && found < energy + SUFFICIENT * length * slope {
+                std::mem::swap(&mut run.now, &mut run.trial);
                 if -slope < KEEP_BELOW * energy {
-                    self.memory.learn(direction, length, &trial.gradient, &now.gradient);
+                    self.memory.learn(&run.direction, length, &run.trial.gradient, &run.now.gradient);
                 }
                 if length == 1.0 && -slope > LENGTHEN_FROM * energy {
-                    length = self.lengthen(now, trial, direction, at);
+                    self.lengthen(run);
                 }
-                return Some(length);
+                return true;
             }
             length *= 0.5;
         }
-        None
+        false
     }
 
     /// Go on along a direction that was taken whole while the energy falls: a barrier's Newton step is too short
     /// far from the minimum (for 1/d it is d/2 whatever d).
-    fn lengthen(&mut self, now: &mut Iterate, trial: &mut Iterate, direction: &[f64], at: Parameters) -> f64 {
+    fn lengthen(&mut self, run: &mut Run) {
         let mut length = 1.0;
         while length < LONGEST {
             // `now` is at `length` already.
-            trial.x.copy_from_slice(&now.x);
-            self.move_points(&mut trial.x, direction, length);
-            self.evaluate(trial, at);
-            let folds = now.summary.min_det > 0.0 && trial.summary.min_det <= 0.0;
-            if folds || trial.summary.energy >= now.summary.energy {
+            self.try_out(run, length);
+            let (now, trial) = (run.now.summary, run.trial.summary);
+            let folds = now.min_det > 0.0 && trial.min_det <= 0.0;
+            if folds || trial.energy >= now.energy {
                 break;
             }
-            std::mem::swap(now, trial);
+            std::mem::swap(&mut run.now, &mut run.trial);
             length *= 2.0;
         }
-        length
+    }
+
+    /// Make the trial the iterate at `length` along the direction.
+    fn try_out(&mut self, run: &mut Run, length: f64) {
+        run.trial.x.copy_from_slice(&run.now.x);
+        self.move_points(&mut run.trial.x, &run.direction, length);
+        self.evaluate(&mut run.trial, run.at);
     }
 
     /// Factorize the Hessian: as it is if `exact` and that is positive definite, else projected.
@@ -325,7 +371,7 @@ impl NewtonProblem {
         let diagonal = self.cholesky.diagonal();
         let values = if self.reduced.is_some() { &mut self.reduced_values } else { &mut self.values };
         let mean = diagonal.iter().map(|&k| values[k]).sum::<f64>() / diagonal.len() as f64;
-        diagonal.iter().for_each(|&k| values[k] += 1e-9 * mean);
+        diagonal.iter().for_each(|&k| values[k] += LIFT * mean);
         self.cholesky.factorize(values)
     }
 
@@ -360,5 +406,5 @@ impl NewtonProblem {
 /// Five times faster for Newton steps than the rule of Garanzha et al. 2021 (Eq. 6), which is made for first-order
 /// ones.
 fn eps_for(min_det: f64) -> f64 {
-    (1e-12 + 0.04 * min_det * min_det).sqrt()
+    (LEAST_EPS_SQUARED + EPS_PER_FOLD_SQUARED * min_det * min_det).sqrt()
 }

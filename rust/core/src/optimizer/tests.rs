@@ -2,6 +2,8 @@ use super::*;
 use crate::numeric::sparse::CooMatrix;
 use crate::spline::SplinePatch;
 
+const SETTINGS: Settings = Settings { lambda: 0.3, max_steps: 200, tolerance: 1e-8 };
+
 /// Two bicubic patches of `spans`² spans side by side, bent: model, free points and the start.
 fn bent_pair(spans: usize) -> (Model, Vec<usize>, Vec<[f64; 2]>) {
     let inner = (1..spans).map(|k| k as f64 + 0.2 * (k as f64).sin());
@@ -56,16 +58,14 @@ fn solve(z: Option<CscMatrix<f64>>, threads: usize) -> Outcome {
         x[p] = [0.9 - x[p][0], x[p][1]];
     }
     let mut optimizer = SplineOptimizer::new(model, free, z).unwrap();
-    on_threads(threads, || {
-        optimizer.minimise(&x, Settings::default(), |_| ControlFlow::Continue(())).unwrap()
-    })
+    on_threads(threads, || optimizer.minimise(&x, SETTINGS, |_| ControlFlow::Continue(())).unwrap())
 }
 
 /// The same problem without coarser spaces and with all nodes.
 fn plainly(optimizer: &mut SplineOptimizer, x: &[[f64; 2]]) -> Outcome {
     optimizer.coarser.clear();
     optimizer.problem.evaluator.elements.hessian_nodes = None;
-    optimizer.minimise(x, Settings::default(), |_| ControlFlow::Continue(())).unwrap()
+    optimizer.minimise(x, SETTINGS, |_| ControlFlow::Continue(())).unwrap()
 }
 
 #[test]
@@ -75,7 +75,7 @@ fn coarser_spaces_and_threads_lead_to_the_same_map() {
     let run = |threads: usize| {
         let mut optimizer = SplineOptimizer::new(model.clone(), free.clone(), None).unwrap();
         let harmonic = optimizer.harmonic(&x).unwrap();
-        let solve = || optimizer.minimise(&harmonic, Settings::default(), |_| ControlFlow::Continue(()));
+        let solve = || optimizer.minimise(&harmonic, SETTINGS, |_| ControlFlow::Continue(()));
         let found = on_threads(threads, solve).unwrap();
         (optimizer, harmonic, found)
     };
@@ -103,7 +103,7 @@ fn folds_of_a_large_model_open_in_the_coarser_spaces() {
         all += 1;
         ControlFlow::Continue(())
     };
-    let found = optimizer.minimise(&x, Settings::default(), count).unwrap();
+    let found = optimizer.minimise(&x, SETTINGS, count).unwrap();
     assert!(found.stop == Stop::Converged && found.min_det > 0.0, "{:?}", found.stop);
     // The observer sees the steps in coarser spaces, where most folds open.
     assert!(found.steps.len() < all, "{} of {all}", found.steps.len());
@@ -119,7 +119,7 @@ fn a_stop_in_the_coarser_spaces_keeps_what_they_gave() {
         seen += 1;
         if seen < 4 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     };
-    let found = optimizer.minimise(&start, Settings::default(), stop_at_the_fourth).unwrap();
+    let found = optimizer.minimise(&start, SETTINGS, stop_at_the_fourth).unwrap();
     assert_eq!((found.stop, found.steps.len(), seen), (Stop::Interrupted, 0, 4));
     let [before, after] =
         [&start, &found.points].map(|points| optimizer.problem.evaluator.energy(points, at).energy);
@@ -186,7 +186,7 @@ fn a_scaled_permutation_as_basis_changes_nothing_but_rounding() {
 fn the_observer_can_stop_it() {
     let (model, free, x) = bent_pair(3);
     let mut optimizer = SplineOptimizer::new(model, free, None).unwrap();
-    let stopped = optimizer.minimise(&x, Settings::default(), |_| ControlFlow::Break(())).unwrap();
+    let stopped = optimizer.minimise(&x, SETTINGS, |_| ControlFlow::Break(())).unwrap();
     assert_eq!((stopped.stop, stopped.steps.len(), stopped.points), (Stop::Interrupted, 1, x));
 }
 
@@ -196,7 +196,7 @@ fn a_rough_solution_leaves_the_finest_space_out() {
     let mut optimizer = SplineOptimizer::new(model, free, None).unwrap();
     let harmonic = optimizer.harmonic(&x).unwrap();
     let mut solve = |tolerance: f64, x: &[[f64; 2]]| {
-        let settings = Settings { tolerance, ..Settings::default() };
+        let settings = Settings { tolerance, ..SETTINGS };
         optimizer.minimise(x, settings, |_| ControlFlow::Continue(())).unwrap()
     };
     let (fine, rough) = (solve(1e-8, &harmonic), solve(1e-4, &harmonic));
@@ -212,7 +212,7 @@ fn a_rough_solution_of_a_folded_start_has_no_folds() {
         x[p] = [0.9 - x[p][0], x[p][1]];
     }
     let mut optimizer = SplineOptimizer::new(model, free, None).unwrap();
-    let settings = Settings { tolerance: 1e-4, ..Settings::default() };
+    let settings = Settings { tolerance: 1e-4, ..SETTINGS };
     let rough = optimizer.minimise(&x, settings, |_| ControlFlow::Continue(())).unwrap();
     assert!(rough.stop == Stop::Converged && rough.min_det > 0.0);
 }
