@@ -55,6 +55,17 @@ pub struct MatchingProblem<'a> {
     pub band: f64,
 }
 
+/// Both sequences once round, the target from some start.
+struct Turn {
+    /// Positions of the target's nodes, counted on past a turn.
+    at: Vec<f64>,
+    /// Their numbers.
+    nodes: Vec<usize>,
+    /// Costs of passing over all nodes before each.
+    source_passed: Vec<f64>,
+    target_passed: Vec<f64>,
+}
+
 impl MatchingProblem<'_> {
     fn size(&self) -> (usize, usize) {
         (self.source.len() - 1, self.target.len() - 1)
@@ -64,15 +75,29 @@ impl MatchingProblem<'_> {
     /// target's counted on past a turn. The last pair closes the loop. None when every path is forbidden.
     pub fn solve(&self, start: usize) -> Option<(f64, Vec<[usize; 2]>)> {
         let (n, m) = self.size();
-        let width = m + 1;
-        let node = |j: usize| (start + j) % m;
-        let at: Vec<f64> = (0..=m)
-            .map(|j| {
-                self.target[node(j)]
-                    + if start + j >= m { 1.0 } else { 0.0 }
-                    + if start + j >= 2 * m { 1.0 } else { 0.0 }
-            })
-            .collect();
+        let (cost, steps) = self.cheapest(&self.turn(start));
+        if cost >= FORBIDDEN {
+            return None;
+        }
+        let (mut i, mut j) = (n, m);
+        let mut path = vec![[i, start + j]];
+        while i > 0 {
+            let (a, b) = STEPS[steps[i * (m + 1) + j] as usize];
+            (i, j) = (i - a, j - b);
+            path.push([i, start + j]);
+        }
+        path.reverse();
+        Some((cost, path))
+    }
+
+    /// The sequences once round, the target from `start`.
+    fn turn(&self, start: usize) -> Turn {
+        let (n, m) = self.size();
+        let at = |j: usize| {
+            self.target[(start + j) % m]
+                + if start + j >= m { 1.0 } else { 0.0 }
+                + if start + j >= 2 * m { 1.0 } else { 0.0 }
+        };
         let passed = |skip: &[f64], size: usize, first: usize| {
             let mut sum = vec![0.0; size + 2];
             for k in 0..=size {
@@ -81,58 +106,66 @@ impl MatchingProblem<'_> {
             }
             sum
         };
-        let (skip_s, skip_t) = (passed(self.source_skip, n, 0), passed(self.target_skip, m, start));
+        Turn {
+            at: (0..=m).map(at).collect(),
+            nodes: (0..=m).map(|j| (start + j) % m).collect(),
+            source_passed: passed(self.source_skip, n, 0),
+            target_passed: passed(self.target_skip, m, start),
+        }
+    }
+
+    /// Cost of the cheapest path once round, and the last step, as index into [`STEPS`], of the cheapest path to every
+    /// pair of nodes.
+    fn cheapest(&self, turn: &Turn) -> (f64, Vec<u8>) {
+        let (n, m) = self.size();
+        let width = m + 1;
         let mut best = vec![f64::INFINITY; (n + 1) * width];
-        let mut from = vec![u8::MAX; (n + 1) * width];
-        best[0] = self.point_cost[node(0)];
+        let mut steps = vec![u8::MAX; (n + 1) * width];
+        best[0] = self.point_cost[turn.nodes[0]];
         for i in 1..=n {
             let here = (i % n) * m;
             for j in 1..=m {
-                let point = if i == n { 0.0 } else { self.point_cost[here + node(j)] };
-                if (self.source[i] - (at[j] - at[0])).abs() > self.band {
+                let point = if i == n { 0.0 } else { self.point_cost[here + turn.nodes[j]] };
+                if (self.source[i] - (turn.at[j] - turn.at[0])).abs() > self.band {
                     continue;
                 }
                 // Only the closing pair may meet the first source node again.
                 if point == f64::INFINITY || (i == n) != (j == m) {
                     continue;
                 }
-                let cost = self.cost[here + node(j)];
-                let (mut low, mut step) = (f64::INFINITY, u8::MAX);
-                for (k, &(a, b)) in STEPS.iter().enumerate() {
-                    if a > i || b > j {
-                        continue;
-                    }
-                    let (p, q) = (i - a, j - b);
-                    let before = best[p * width + q];
-                    if before >= low {
-                        continue;
-                    }
-                    let (ds, dt) = (self.source[i] - self.source[p], at[j] - at[q]);
-                    let stretch = self.stretch * (dt - ds) * (dt - ds) * (ds + dt) / (ds * dt);
-                    let along = (cost + self.cost[(p % n) * m + node(q)]) * (ds + dt) / 4.0;
-                    let skipped = skip_s[i] - skip_s[p + 1] + skip_t[j] - skip_t[q + 1];
-                    let total = before + along + stretch / 2.0 + skipped;
-                    if total < low {
-                        (low, step) = (total, k as u8);
-                    }
-                }
+                let (low, step) = self.cheapest_step(turn, &best, i, j);
                 best[i * width + j] = low + point;
-                from[i * width + j] = step;
+                steps[i * width + j] = step;
             }
         }
-        let total = best[n * width + m];
-        if total >= FORBIDDEN {
-            return None;
+        (best[n * width + m], steps)
+    }
+
+    /// Cost of the cheapest path to a pair of nodes, what the pair itself costs left out, and its last step.
+    #[inline]
+    fn cheapest_step(&self, turn: &Turn, best: &[f64], i: usize, j: usize) -> (f64, u8) {
+        let ((n, m), Turn { at, nodes, source_passed, target_passed }) = (self.size(), turn);
+        let cost = self.cost[(i % n) * m + nodes[j]];
+        let (mut low, mut step) = (f64::INFINITY, u8::MAX);
+        for (k, &(a, b)) in STEPS.iter().enumerate() {
+            if a > i || b > j {
+                continue;
+            }
+            let (p, q) = (i - a, j - b);
+            let before = best[p * (m + 1) + q];
+            if before >= low {
+                continue;
+            }
+            let (ds, dt) = (self.source[i] - self.source[p], at[j] - at[q]);
+            let stretch = self.stretch * (dt - ds) * (dt - ds) * (ds + dt) / (ds * dt);
+            let along = (cost + self.cost[(p % n) * m + nodes[q]]) * (ds + dt) / 4.0;
+            let skipped = source_passed[i] - source_passed[p + 1] + target_passed[j] - target_passed[q + 1];
+            let total = before + along + stretch / 2.0 + skipped;
+            if total < low {
+                (low, step) = (total, k as u8);
+            }
         }
-        let (mut i, mut j) = (n, m);
-        let mut path = vec![[i, start + j]];
-        while i > 0 {
-            let (a, b) = STEPS[from[i * width + j] as usize];
-            (i, j) = (i - a, j - b);
-            path.push([i, start + j]);
-        }
-        path.reverse();
-        Some((total, path))
+        (low, step)
     }
 
     /// Cost of the cheapest path from every one of the `starts`, infinite where all are forbidden.
