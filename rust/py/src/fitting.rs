@@ -114,8 +114,8 @@ impl BoundaryFit {
         self.with(py, |mut core| core.solve())
     }
 
-    fn hold_ends(&mut self, py: Python<'_>, most: f64) -> PyResult<()> {
-        self.with(py, |mut core| core.hold_ends(most))
+    fn hold_ends(&mut self, py: Python<'_>, most: f64, back: f64) -> PyResult<()> {
+        self.with(py, |mut core| core.hold_ends(most, back))
     }
 
     fn align(&mut self, py: Python<'_>) -> PyResult<()> {

@@ -3,7 +3,7 @@
 //! Every side is fitted by itself, but at a smooth joint the legs of both sides lie on one line through the joint, whose
 //! angle is found together with those of all others.
 
-use crate::fitting::side_fit::SideFit;
+use crate::fitting::side_fit::{NOTHING, SideFit, Turning};
 use crate::numeric::tridiagonal::solve_cyclic;
 use crate::outline::Outline;
 use crate::spline::sampled_basis::SampledBasis;
@@ -76,8 +76,8 @@ impl<'a> BoundaryFit<'a> {
     }
 
     /// See the method of a side.
-    pub fn hold_ends(&mut self, most: f64) {
-        self.each(|side, basis, _| side.hold_ends(basis, most));
+    pub fn hold_ends(&mut self, most: f64, back: f64) {
+        self.each(|side, basis, _| side.hold_ends(basis, most, back));
     }
 
     /// See the method of a side.
@@ -123,7 +123,7 @@ impl<'a> BoundaryFit<'a> {
             let of_before = &models[before];
             let of_after = &models[after];
             diagonal[j] = shares[before] * of_before.0[1][1] + shares[after] * of_after.0[0][0];
-            diagonal[j] += LIFT * size / m as f64 + 1e-300;
+            diagonal[j] += LIFT * size / m as f64 + NOTHING;
             right[j] = shares[before] * of_before.1[1] + shares[after] * of_after.1[0];
             let last = j + 1 == m || self.joints[j + 1][0] != after;
             let following = if last { first } else { j + 1 };
@@ -149,7 +149,7 @@ impl<'a> BoundaryFit<'a> {
         }
     }
 
-    fn turning(&self) -> Vec<crate::fitting::side_fit::Turning> {
+    fn turning(&self) -> Vec<Turning> {
         if self.sides.len() < FEW_SIDES {
             self.sides.iter().map(SideFit::turning).collect()
         } else {

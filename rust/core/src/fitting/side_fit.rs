@@ -12,9 +12,11 @@ use crate::spline::sampled_basis::SampledBasis;
 /// nearly stops it is next to a cusp, and patches behind get thin.
 const SLOWEST: f64 = 0.05;
 
-/// A leg that strays from the outline's tangent too far is put on a line nearer by this angle (25 degrees) than the
-/// limit: at the limit itself corners of patches get thin, and the tangent is too far off where the limit is wide.
-const TURNED_BACK: f64 = 0.436_332_312_998_582_4;
+/// Weight that a sample without error keeps in levelling, beside that of the largest error: let go altogether it would
+/// become the next largest.
+const LEAST_SHARE: f64 = 0.05;
+/// Divisor where all that is divided vanishes.
+pub(crate) const NOTHING: f64 = 1e-300;
 
 /// What a side is fitted to.
 #[derive(Clone, Debug)]
@@ -131,8 +133,8 @@ impl SideFit {
             along.hypot(across)
         };
         let residual: Vec<f64> = (0..self.weights.len()).map(size).collect();
-        let largest = residual.iter().fold(1e-300, |m: f64, &r| m.max(r));
-        self.weights.iter_mut().zip(&residual).for_each(|(w, r)| *w *= 0.05 + r / largest);
+        let largest = residual.iter().fold(NOTHING, |m: f64, &r| m.max(r));
+        self.weights.iter_mut().zip(&residual).for_each(|(w, r)| *w *= LEAST_SHARE + r / largest);
         let mean = self.weights.iter().sum::<f64>() / self.weights.len() as f64;
         self.weights.iter_mut().for_each(|w| *w /= mean);
     }
@@ -302,9 +304,9 @@ impl SideFit {
         [leg(self.control[0], self.control[1]), leg(self.control[n - 2], self.control[n - 1])]
     }
 
-    /// Put free legs that stray from the outline's tangent by more than this angle, or the side's own, on a line well
-    /// within it, and solve again.
-    pub fn hold_ends(&mut self, basis: &SampledBasis, most: f64) {
+    /// Put free legs that stray from the outline's tangent by more than the angle `most`, or the side's own, on a line
+    /// nearer to it than that by the angle `back`, and solve again.
+    pub fn hold_ends(&mut self, basis: &SampledBasis, most: f64, back: f64) {
         let limits = self.data.stray.map(|own| own.min(most));
         // Legs move each other: once one is held, the other may stray.
         for _ in 0..2 {
@@ -319,7 +321,7 @@ impl SideFit {
             }
             let legs = self.legs();
             for end in straying {
-                let angle = (limits[end] - TURNED_BACK).max(0.0);
+                let angle = (limits[end] - back).max(0.0);
                 self.lines[end] = Some(towards(legs[end], self.data.tangents[end], angle));
             }
             self.solve(basis);
