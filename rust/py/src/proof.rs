@@ -77,6 +77,8 @@ fn certify_loops(py: Python<'_>, loops: Vec<Vec<CurveTuple<'_>>>) -> PyResult<Lo
 
 /// Add this file's functions to the module.
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("DATA_ULPS", injectivity::DATA_ULPS)?;
+    m.add("MAX_DEGREE", injectivity::MAX_DEGREE)?;
     m.add_function(wrap_pyfunction!(certify_patches, m)?)?;
     m.add_function(wrap_pyfunction!(certify_loops, m)?)
 }

@@ -53,8 +53,8 @@ pub struct FaceGeometry {
     pub gradients: Vec<[[f64; 2]; 3]>,
 }
 
-// Below this ratio of area to squared edge the sign of the area is rounding.
-const DEGENERATE: f64 = 1e-15;
+/// Below this ratio of twice the area to the squared longest edge the sign of a triangle's area is rounding.
+pub const DEGENERATE: f64 = 1e-15;
 
 impl FaceGeometry {
     /// Compute them; the faces must be counter-clockwise.

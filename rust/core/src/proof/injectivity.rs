@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 pub use crate::proof::determinant_cell::{Cell, CellKind};
 use crate::proof::determinant_cell::{DeterminantCell, Verdict};
+pub use crate::proof::patch_determinant::DATA_ULPS;
 use crate::proof::patch_determinant::PatchDeterminant;
 use crate::spline::SplinePatch;
 use crate::spline::bernstein::{self, U, larger};

@@ -11,7 +11,7 @@ use crate::spline::bernstein::{BoundedBernstein, Extraction, U, extract, larger,
 
 /// Coordinates are taken to be known within this many units of roundoff of the largest one when a patch corner
 /// is called degenerate: an exactly straight corner does not survive being written down.
-const DATA_ULPS: f64 = 16.0;
+pub const DATA_ULPS: f64 = 16.0;
 
 /// det J of a patch on its Bézier pieces, prepared once.
 pub(crate) struct PatchDeterminant<'a> {
