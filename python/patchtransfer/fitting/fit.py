@@ -60,8 +60,8 @@ LEAST_SAY = 0.1
 BESIDE = 1e-9
 #: A tangent turns by at most this angle in one step.
 MAX_TURN = 0.1
-#: A leg that strays from the target's tangent too far is put on a line nearer to it than the limit by this angle: at the
-#: limit itself corners of patches get thin, and the tangent is too far off where the limit is wide.
+#: A leg that strays from the target's tangent too far is put on a line nearer to it than the limit by this angle: at
+#: the limit itself corners of patches get thin, and the tangent is too far off where the limit is wide.
 TURNED_BACK = float(np.radians(25.0))
 
 

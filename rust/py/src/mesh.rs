@@ -308,7 +308,7 @@ impl DistortionDescent {
 /// Add this file's names to the module.
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("TriangulationError", m.py().get_type::<TriangulationError>())?;
-    m.add("DEGENERATE", laplacian::DEGENERATE)?;
+    m.add("DEGENERATE_TRIANGLE", laplacian::DEGENERATE)?;
     m.add_class::<LocalGlobal>()?;
     m.add_class::<DistortionDescent>()?;
     m.add_function(wrap_pyfunction!(triangulate, m)?)?;
