@@ -1,11 +1,11 @@
 //! Criterion benches of the core's kernels: `cargo bench -p patchtransfer-core`.
 use criterion::{Criterion, criterion_group, criterion_main};
-use patchtransfer_core::injectivity::{Limits, certify_patch};
-use patchtransfer_core::local_global::LocalGlobal;
+use patchtransfer_core::mesh::local_global::LocalGlobal;
+use patchtransfer_core::mesh::triangulation::triangulate;
+use patchtransfer_core::numeric::ssvd;
 use patchtransfer_core::optimizer::{Model, Settings, SplineOptimizer};
+use patchtransfer_core::proof::injectivity::{Limits, certify_patch};
 use patchtransfer_core::spline::{SplinePatch, bezier_extract};
-use patchtransfer_core::ssvd;
-use patchtransfer_core::triangulation::triangulate;
 use std::ops::ControlFlow;
 
 fn extraction(c: &mut Criterion) {
@@ -117,12 +117,13 @@ fn optimisation(c: &mut Criterion) {
         c.bench_function(&name("harmonic map, Laplacian kept"), |b| {
             b.iter(|| optimizer.harmonic(&bent).unwrap())
         });
-        let one = Settings { max_steps: 1, ..Settings::default() };
+        let settings = Settings { lambda: 0.3, max_steps: 200, tolerance: 1e-8 };
+        let one = Settings { max_steps: 1, ..settings };
         c.bench_function(&name("coarser spaces and one step"), |b| {
             b.iter(|| optimizer.minimise(&start, one, |_| ControlFlow::Continue(())).unwrap())
         });
         c.bench_function(&name("to the optimum"), |b| {
-            b.iter(|| optimizer.minimise(&start, Settings::default(), |_| ControlFlow::Continue(())).unwrap())
+            b.iter(|| optimizer.minimise(&start, settings, |_| ControlFlow::Continue(())).unwrap())
         });
     }
 }

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use patchtransfer_core::simple_loops::check_loops;
+use patchtransfer_core::proof::simple_loops::check_loops;
 use patchtransfer_core::spline::{SplineCurve, spans};
 use patchtransfer_fuzz::{Bytes, basis};
 

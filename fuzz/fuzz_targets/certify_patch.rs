@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use patchtransfer_core::injectivity::{CellKind, Limits, certify_patch};
+use patchtransfer_core::proof::injectivity::{CellKind, Limits, certify_patch};
 use patchtransfer_core::spline::{SplinePatch, spans};
 use patchtransfer_fuzz::{Bytes, basis};
 

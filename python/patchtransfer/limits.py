@@ -7,6 +7,7 @@ with 1.6 GB.
 
 from __future__ import annotations
 
+from ._core import MAX_DEGREE
 from .errors import InputError
 
 __all__ = [
@@ -35,8 +36,6 @@ MAX_FILE_BYTES = 64 * 2**20
 MAX_TAGS = 1_000_000
 #: Bytes of a layout, whose lists take twenty times as much when parsed.
 MAX_LAYOUT_BYTES = 4 * 2**20
-#: Largest degree, for which the certificate has exact binomials.
-MAX_DEGREE = 19
 #: Patches of a model.
 MAX_PATCHES = 10_000
 #: Control points of a model, all patches together, ...

@@ -60,6 +60,9 @@ LEAST_SAY = 0.1
 BESIDE = 1e-9
 #: A tangent turns by at most this angle in one step.
 MAX_TURN = 0.1
+#: A leg that strays from the target's tangent too far is put on a line nearer to it than the limit by this angle: at
+#: the limit itself corners of patches get thin, and the tangent is too far off where the limit is wide.
+TURNED_BACK = float(np.radians(25.0))
 
 
 class Stiffness(NamedTuple):
@@ -82,7 +85,7 @@ class Stiffness(NamedTuple):
 
 #: The default, and what is left of it for targets that sides cannot follow so. With less errors fall further, but legs
 #: get short and turn at corners, and the map suffers (turtle nodding: smallest scaled Jacobian 0.05, not 0.26).
-STIFF, FREE = Stiffness(1e-2, 0.3, np.radians(25.0)), Stiffness(5e-4, 0.2, np.radians(60.0))
+STIFF, FREE = Stiffness(1e-2, 0.3, TURNED_BACK), Stiffness(5e-4, 0.2, np.radians(60.0))
 
 
 @dataclass(frozen=True)
@@ -406,7 +409,7 @@ def _iterate(
         fit.solve()
         if step < FREE_STEPS:
             continue
-        fit.hold_ends(max_stray)
+        fit.hold_ends(max_stray, TURNED_BACK)
         last, error, backwards = error, fit.errors(False), fit.backwards()
         score = chains.score(error, backwards)
         best_step[score < (1 - IMPROVEMENT[levelling]) * best] = step

@@ -13,14 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._core import DATA_ULPS
 from ..numeric.arrays import FloatArray, IntArray
 from .sides import CORNERS, around_corner
 from .topology import Topology
 
 __all__ = ["Triangles", "corner_triangles", "straighten"]
 
-#: A neighbour moves by this many ulps of the largest coordinate at most: what the certificate calls rounding.
-MOST_ULPS = 16.0
 #: Corners share neighbours where patches are coarse, so that mending one may spoil another.
 MENDING_ROUNDS = 8
 
@@ -69,7 +68,8 @@ def straighten(points: FloatArray, triangles: Triangles) -> tuple[FloatArray, fl
     doubtful = ((ax - cx) * (by - cy) - (ay - cy) * (bx - cx)) * triangles.sense <= 1e-14 * size**2
     if not doubtful.any():
         return points, 0.0
-    limit = MOST_ULPS * float(np.spacing(np.abs(points).max()))
+    # What the certificate calls rounding.
+    limit = DATA_ULPS * float(np.spacing(np.abs(points).max()))
     found = points.copy()
     chosen = np.flatnonzero(doubtful)
     for _ in range(MENDING_ROUNDS):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csc_array
 
-from .._core import TriangulationError, cotan_laplacian, triangulate
+from .._core import DEGENERATE_TRIANGLE, TriangulationError, cotan_laplacian, triangulate
 from ..errors import InputError
 from ..numeric.arrays import FloatArray, IntArray
 
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
     from ..geometry.topology import Topology
 
 __all__ = ["TriangleMesh", "source_mesh", "target_mesh"]
-
-
-#: Below this ratio of area to squared edge the sign of a triangle's area is rounding.
-DEGENERATE = 1e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +213,7 @@ def _double_areas(points: FloatArray, triangles: IntArray) -> FloatArray:
 def _degenerate(points: FloatArray, triangles: IntArray) -> NDArray[np.bool_]:
     corners = points[triangles]
     longest = ((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=2).max(axis=1)
-    return np.asarray(_double_areas(points, triangles) <= 4 * DEGENERATE * longest)
+    return np.asarray(_double_areas(points, triangles) <= 4 * DEGENERATE_TRIANGLE * longest)
 
 
 def _place(point: FloatArray) -> str:

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._core import certify_loops, certify_patches
+from .._core import MAX_DEGREE, certify_loops, certify_patches
 from ..errors import InputError
 from ..geometry.curve import BSplineCurve
 from ..geometry.multipatch import MultiPatch
@@ -45,8 +45,6 @@ __all__ = ["BoundaryReport", "Cell", "Certificate", "Meeting", "certify", "check
 STATUSES = ("certified", "degenerate", "undecided", "folded")
 #: Reasons listed for patches and loops before the rest is only counted.
 MAX_REASONS = 20
-#: Largest degree whose products have exact binomials.
-MAX_DEGREE = 19
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._core import DATA_ULPS
 from ..errors import InfeasibleTargetError
 from ..geometry.curve import BSplineCurve
 from ..numeric.arrays import FloatArray, IntArray
@@ -21,8 +22,8 @@ from .certificate import BoundaryReport, check_boundary
 
 __all__ = ["Corner", "check_corners", "check_loops", "check_target_corners", "corner_report"]
 
-#: Coordinates are taken to be known within 16 units of roundoff of the largest one at a joint.
-ROUNDING = 8.0 * float(np.finfo(float).eps)
+#: What coordinates are known to, relative to the largest one at a joint: as in the certificate.
+ROUNDING = DATA_ULPS * float(np.finfo(float).eps) / 2
 
 
 class Corner(NamedTuple):

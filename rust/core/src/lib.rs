@@ -1,43 +1,25 @@
 //! The numerical core of patchtransfer: pure Rust, no Python.
 //!
-//! One file per published method or data structure; `rust/py` only converts.
+//! One file per published method or data structure; `rust/py` only converts. A folder uses those above it only:
+//!
+//! | folder           | what                                                          | uses                             |
+//! |------------------|---------------------------------------------------------------|----------------------------------|
+//! | [`numeric`]      | vector lanes, quadrature, linear algebra, budgets             |                                  |
+//! | [`spline`]       | bases, Bézier extraction, quality, Galerkin matrices          | `numeric`                        |
+//! | [`outline`]      | closed chains of curves by arc length                         | `numeric`, `spline`              |
+//! | [`distortion`]   | the energy of a 2×2 Jacobian and its derivatives              | `numeric`                        |
+//! | [`proof`]        | injectivity of patches, simple loops                          | `numeric`, `spline`              |
+//! | [`registration`] | matching of sequences, inner distances, thin plates           | `numeric`                        |
+//! | [`fitting`]      | orthogonal distance fit of boundary sides                     | `numeric`, `spline`, `outline`   |
+//! | [`mesh`]         | triangulation, maps of triangle meshes                        | `numeric`, `distortion`          |
+//! | [`optimizer`]    | projected Newton on the control points of a multi-patch       | `numeric`, `spline`, `distortion`|
 
-mod arcs;
-mod assembly;
-mod axis;
-pub mod barrier;
-pub mod bernstein;
-pub mod boundary_fit;
-mod budget;
-pub mod closest_point;
-mod coarse;
-pub mod dense;
-pub mod distortion_descent;
-pub mod elements;
-mod evaluation;
-pub mod galerkin;
-pub mod injectivity;
-pub mod inner_distance;
-mod insertion_order;
-mod kernel;
-mod lanes;
-pub mod laplacian;
-pub mod local_global;
-pub mod matching;
-mod newton;
+pub mod distortion;
+pub mod fitting;
+pub mod mesh;
+pub mod numeric;
 pub mod optimizer;
-mod ordering;
 pub mod outline;
-pub mod quadrature;
-pub mod quality;
-mod quasi_newton;
-pub mod sampled_basis;
-pub mod side_fit;
-pub mod simple_loops;
-pub mod sparse;
+pub mod proof;
+pub mod registration;
 pub mod spline;
-pub mod ssvd;
-pub mod thin_plate;
-mod triangle_sign;
-pub mod triangulation;
-mod tridiagonal;

@@ -1,6 +1,6 @@
 //! A closed chain of curves parameterized by arc length, with nearest-point search.
 
-use crate::quadrature::gauss;
+use crate::numeric::quadrature::gauss;
 use crate::spline::{SplineCurve, bezier_extract};
 
 /// Aim for this many entries in the arc-length table, 4 to 16 a Bézier piece.

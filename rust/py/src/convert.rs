@@ -2,7 +2,8 @@
 
 use numpy::ndarray::Array2;
 use numpy::{
-    IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
+    IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
 };
 use patchtransfer_core::spline::{SplineCurve, SplinePatch};
 use pyo3::exceptions::PyValueError;
@@ -20,6 +21,11 @@ pub fn points2(array: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; 2]>> {
 pub fn rows<'py, const N: usize>(py: Python<'py>, values: &[[f64; N]]) -> Bound<'py, PyArray2<f64>> {
     let flat = values.as_flattened().to_vec();
     Array2::from_shape_vec((values.len(), N), flat).expect("sizes agree").into_pyarray(py)
+}
+
+/// Indices as NumPy's integers.
+pub fn integers<'py>(py: Python<'py>, values: &[usize]) -> Bound<'py, PyArray1<i64>> {
+    values.iter().map(|&i| i as i64).collect::<Vec<_>>().into_pyarray(py)
 }
 
 /// `(knots_u, knots_v, p, q, control_points, weights)` as handed over from Python.

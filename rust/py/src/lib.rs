@@ -2,17 +2,14 @@
 
 use pyo3::prelude::*;
 
-mod boundary_fit;
-mod certificate;
 mod convert;
-mod correspondence;
-mod dense;
-mod galerkin;
+mod fitting;
 mod mesh;
-mod mesh_map;
+mod numeric;
 mod optimizer;
 mod outline;
-mod quality;
+mod proof;
+mod registration;
 mod spline;
 mod threads;
 
@@ -20,16 +17,13 @@ mod threads;
 fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(threads::set_threads, m)?)?;
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    boundary_fit::register(m)?;
-    optimizer::register(m)?;
-    outline::register(m)?;
-    certificate::register(m)?;
-    galerkin::register(m)?;
-    mesh::register(m)?;
-    mesh_map::register(m)?;
-    quality::register(m)?;
+    numeric::register(m)?;
     spline::register(m)?;
-    correspondence::register(m)?;
-    dense::register(m)?;
+    outline::register(m)?;
+    proof::register(m)?;
+    registration::register(m)?;
+    fitting::register(m)?;
+    mesh::register(m)?;
+    optimizer::register(m)?;
     Ok(())
 }

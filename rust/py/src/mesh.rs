@@ -1,17 +1,18 @@
-//! Bindings of the mesh method: triangulation, cotan Laplacian, bounded distortion.
+//! Bindings of `patchtransfer_core::mesh`: triangulation, cotan Laplacian, closest points, maps of bounded distortion.
 
+use crate::convert::{integers, points2, rows};
+use crate::numeric::distortion_bounds;
 use crate::threads::{self, Deadline};
 use numpy::ndarray::{Array1, Array2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
-use patchtransfer_core::laplacian::{self, MeshError};
-use patchtransfer_core::sparse::CscMatrix;
-use patchtransfer_core::triangulation::{self, Refinement, TriangulationError as CoreError};
-use patchtransfer_core::{local_global, ssvd};
+use patchtransfer_core::mesh::closest_point::{Foot, MeshTree};
+use patchtransfer_core::mesh::laplacian::{self, MeshError};
+use patchtransfer_core::mesh::triangulation::{self, Refinement, TriangulationError as CoreError};
+use patchtransfer_core::mesh::{distortion_descent, local_global};
+use patchtransfer_core::numeric::sparse::CscMatrix;
 use pyo3::create_exception;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-
-use crate::convert::points2;
 
 create_exception!(
     _core,
@@ -25,7 +26,7 @@ type CscTuple<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>, (usize, usize));
 
 /// The same as handed over from Python.
-pub type CscReadonly<'py> =
+type CscReadonly<'py> =
     (PyReadonlyArray1<'py, f64>, PyReadonlyArray1<'py, i64>, PyReadonlyArray1<'py, i64>, (usize, usize));
 
 /// `(points, triangles)`.
@@ -34,37 +35,45 @@ type MeshTuple<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>);
 /// `(map, flips, energies)`.
 type IterateTuple<'py> = (Bound<'py, PyArray2<f64>>, Vec<usize>, Vec<f64>);
 
+/// `(triangles, weights, squared distances)`.
+type FeetTuple<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// `(map, energies, why it ended)`.
+type DescentTuple<'py> = (Bound<'py, PyArray2<f64>>, Vec<f64>, &'static str);
+
 fn index(value: i64) -> PyResult<usize> {
     usize::try_from(value).map_err(|_| PyValueError::new_err(format!("index {value} is negative")))
 }
 
 /// Indices handed over as signed integers.
-pub fn indices(array: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<usize>> {
+fn indices(array: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<usize>> {
     array.as_array().iter().map(|&i| index(i)).collect()
 }
 
 /// Rows of an (m, 3) index array.
-pub fn triangles3(array: &PyReadonlyArray2<'_, i64>) -> PyResult<Vec<[usize; 3]>> {
+fn triangles3(array: &PyReadonlyArray2<'_, i64>) -> PyResult<Vec<[usize; 3]>> {
     if array.shape()[1] != 3 {
         return Err(PyValueError::new_err(format!("expected triangles (m, 3), got {:?}", array.shape())));
     }
     array.as_array().rows().into_iter().map(|r| Ok([index(r[0])?, index(r[1])?, index(r[2])?])).collect()
 }
 
-/// An (n, N) array of rows.
-pub fn rows<'py, const N: usize>(py: Python<'py>, values: Vec<[f64; N]>) -> Bound<'py, PyArray2<f64>> {
-    let shape = (values.len(), N);
-    Array2::from_shape_vec(shape, values.into_flattened()).expect("sizes agree").into_pyarray(py)
+fn points4(array: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; 4]>> {
+    let view = array.as_array();
+    if array.shape()[1] != 4 || !view.iter().all(|x| x.is_finite()) {
+        return Err(PyValueError::new_err(format!("expected finite points (n, 4), got {:?}", array.shape())));
+    }
+    Ok(view.rows().into_iter().map(|r| [r[0], r[1], r[2], r[3]]).collect())
 }
 
 /// A matrix from its Python tuple.
-pub fn csc((data, row, offsets, (m, n)): CscReadonly<'_>) -> PyResult<CscMatrix<f64>> {
+fn csc((data, row, offsets, (m, n)): CscReadonly<'_>) -> PyResult<CscMatrix<f64>> {
     CscMatrix::try_from_csc_data(m, n, indices(&offsets)?, indices(&row)?, data.as_array().to_vec())
         .map_err(|e| PyValueError::new_err(format!("null-space basis: {e}")))
 }
 
 /// A mesh that cannot be used, as a Python error.
-pub fn mesh_error(error: MeshError) -> PyErr {
+fn mesh_error(error: MeshError) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
@@ -106,7 +115,7 @@ fn triangulate<'py>(
         py.detach(|| triangulation::triangulate(&points, &loops, refinement)).map_err(triangulation_error)?;
     let flat: Vec<i64> = mesh.triangles.into_flattened().into_iter().map(|v| v as i64).collect();
     let triangles = Array2::from_shape_vec((flat.len() / 3, 3), flat).expect("sizes agree");
-    Ok((rows(py, mesh.points), triangles.into_pyarray(py)))
+    Ok((rows(py, &mesh.points), triangles.into_pyarray(py)))
 }
 
 /// Cotan Laplacian Σ area GᵀG of a mesh in compressed columns.
@@ -120,40 +129,10 @@ fn cotan_laplacian<'py>(
     let matrix = py.detach(|| laplacian::cotan_laplacian(&points, &triangles)).map_err(mesh_error)?;
     let shape = (matrix.nrows(), matrix.ncols());
     let (offsets, rows, values) = matrix.disassemble();
-    let signed = |v: Vec<usize>| v.into_iter().map(|i| i as i64).collect::<Array1<i64>>().into_pyarray(py);
-    Ok((values.into_pyarray(py), signed(rows), signed(offsets), shape))
+    Ok((values.into_pyarray(py), integers(py, &rows), integers(py, &offsets), shape))
 }
 
-fn bounds(k: &PyReadonlyArray1<'_, f64>, n: usize) -> PyResult<Vec<f64>> {
-    let k = k.as_array().to_vec();
-    if k.len() != n {
-        return Err(PyValueError::new_err(format!("expected {n} bounds k, got {}", k.len())));
-    }
-    match k.iter().find(|&&x| !(1.0..=1e100).contains(&x)) {
-        Some(bad) => Err(PyValueError::new_err(format!("a bound k must lie in [1, 1e100], got {bad}"))),
-        None => Ok(k),
-    }
-}
-
-/// Nearest matrices (n, 4), row-major, of conformal distortion at most k (n,).
-#[pyfunction]
-fn project_bounded_distortion<'py>(
-    py: Python<'py>,
-    jacobians: PyReadonlyArray2<'py, f64>,
-    k: PyReadonlyArray1<'py, f64>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    if jacobians.shape()[1] != 4 {
-        return Err(PyValueError::new_err(format!("expected shape (n, 4), got {:?}", jacobians.shape())));
-    }
-    let k = bounds(&k, jacobians.shape()[0])?;
-    let j: Vec<[f64; 4]> =
-        jacobians.as_array().rows().into_iter().map(|r| [r[0], r[1], r[2], r[3]]).collect();
-    let mut out = vec![[0.0; 4]; j.len()];
-    threads::run(py, || ssvd::project_all(&j, &k, &mut out))?;
-    Ok(rows(py, out))
-}
-
-/// A mesh with fixed vertices and constraints, factorized once; see `patchtransfer_core::local_global`.
+/// A mesh with fixed vertices and constraints, factorized once; see `patchtransfer_core::mesh::local_global`.
 #[pyclass]
 struct LocalGlobal(local_global::LocalGlobal);
 
@@ -199,7 +178,7 @@ impl LocalGlobal {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let mut u = self.positions(&u)?;
         threads::run(py, || self.0.harmonic(&mut u))?;
-        Ok(rows(py, u))
+        Ok(rows(py, &u))
     }
 
     /// Local–global steps from a feasible map: (map, flips, energies), the lists with the initial value first.
@@ -215,13 +194,13 @@ impl LocalGlobal {
     ) -> PyResult<IterateTuple<'py>> {
         let end = Deadline::after(seconds);
         let mut u = self.positions(&u)?;
-        let k = bounds(&k, self.0.n_faces())?;
+        let k = distortion_bounds(&k, self.0.n_faces())?;
         let report = threads::run_watched(
             py,
             |report| self.0.iterate(&mut u, &k, iterations, tolerance, || report(()) && !end.passed()),
             threads::UNSEEN,
         )?;
-        Ok((rows(py, u), report.flips, report.energy))
+        Ok((rows(py, &u), report.flips, report.energy))
     }
 
     /// Signed singular values (m, 2) of a map on every face.
@@ -231,7 +210,7 @@ impl LocalGlobal {
         u: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let u = self.positions(&u)?;
-        Ok(rows(py, threads::run(py, || self.0.singular_values(&u))?))
+        Ok(rows(py, &threads::run(py, || self.0.singular_values(&u))?))
     }
 
     /// Number of faces with det J ≤ 0.
@@ -241,11 +220,98 @@ impl LocalGlobal {
     }
 }
 
+/// For every query (m, 4) the closest point of a triangle mesh in four dimensions: its triangle, its barycentric
+/// coordinates there (m, 3) and the squared distance.
+#[pyfunction]
+fn closest_on_mesh<'py>(
+    py: Python<'py>,
+    queries: PyReadonlyArray2<'py, f64>,
+    vertices: PyReadonlyArray2<'py, f64>,
+    triangles: PyReadonlyArray2<'py, i64>,
+) -> PyResult<FeetTuple<'py>> {
+    let (queries, vertices, triangles) = (points4(&queries)?, points4(&vertices)?, triangles3(&triangles)?);
+    if triangles.is_empty() || triangles.as_flattened().iter().any(|&v| v >= vertices.len()) {
+        return Err(PyValueError::new_err("a mesh needs triangles, and triangles need vertices that exist"));
+    }
+    let feet: Vec<Foot> = threads::run(py, || MeshTree::new(&vertices, &triangles).closest_all(&queries))?;
+    let weights: Vec<[f64; 3]> = feet.iter().map(|f| f.weights).collect();
+    Ok((
+        feet.iter().map(|f| f.triangle as i64).collect::<Array1<i64>>().into_pyarray(py),
+        rows(py, &weights),
+        feet.iter().map(|f| f.distance2).collect::<Array1<f64>>().into_pyarray(py),
+    ))
+}
+
+/// A mesh prepared for lowering the conformal distortion; see `patchtransfer_core::mesh::distortion_descent`.
+#[pyclass]
+struct DistortionDescent(distortion_descent::DistortionDescent);
+
+#[pymethods]
+impl DistortionDescent {
+    #[new]
+    #[pyo3(signature = (points, triangles, fixed, null_space=None))]
+    fn new(
+        py: Python<'_>,
+        points: PyReadonlyArray2<'_, f64>,
+        triangles: PyReadonlyArray2<'_, i64>,
+        fixed: PyReadonlyArray1<'_, i64>,
+        null_space: Option<CscReadonly<'_>>,
+    ) -> PyResult<Self> {
+        let (points, triangles, fixed) = (points2(&points)?, triangles3(&triangles)?, indices(&fixed)?);
+        let z = null_space.map(csc).transpose()?;
+        let made = threads::run(py, || {
+            distortion_descent::DistortionDescent::new(&points, &triangles, &fixed, z.as_ref())
+        })?;
+        made.map(Self).map_err(mesh_error)
+    }
+
+    /// Lower the energy of a map: (map, energies, why it ended).
+    #[pyo3(signature = (u, max_steps, tolerance, seconds=None))]
+    fn minimise<'py>(
+        &mut self,
+        py: Python<'py>,
+        u: PyReadonlyArray2<'py, f64>,
+        max_steps: usize,
+        tolerance: f64,
+        seconds: Option<f64>,
+    ) -> PyResult<DescentTuple<'py>> {
+        let end = Deadline::after(seconds);
+        let mut u = points2(&u)?;
+        if u.len() != self.0.n_vertices() || !u.as_flattened().iter().all(|x| x.is_finite()) {
+            return Err(PyValueError::new_err(format!("expected {} finite positions", self.0.n_vertices())));
+        }
+        let report = threads::run_watched(
+            py,
+            |report| self.0.minimise(&mut u, max_steps, tolerance, || report(()) && !end.passed()),
+            threads::UNSEEN,
+        )?;
+        let stop = match report.stop {
+            distortion_descent::Stop::Converged => "converged",
+            distortion_descent::Stop::StepLimit => "step limit",
+            distortion_descent::Stop::Stalled => "stalled",
+            distortion_descent::Stop::Interrupted => "time limit",
+            distortion_descent::Stop::Flipped => "flipped",
+        };
+        Ok((rows(py, &u), report.energy, stop))
+    }
+
+    /// Mean of ‖J‖²/det J over the area; infinite for a flipped map.
+    fn energy(&self, py: Python<'_>, u: PyReadonlyArray2<'_, f64>) -> PyResult<f64> {
+        let points = points2(&u)?;
+        if points.len() != self.0.n_vertices() {
+            return Err(PyValueError::new_err(format!("expected {} positions", self.0.n_vertices())));
+        }
+        threads::run(py, || self.0.energy(&points))
+    }
+}
+
 /// Add this file's names to the module.
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("TriangulationError", m.py().get_type::<TriangulationError>())?;
+    m.add("DEGENERATE_TRIANGLE", laplacian::DEGENERATE)?;
     m.add_class::<LocalGlobal>()?;
+    m.add_class::<DistortionDescent>()?;
     m.add_function(wrap_pyfunction!(triangulate, m)?)?;
     m.add_function(wrap_pyfunction!(cotan_laplacian, m)?)?;
-    m.add_function(wrap_pyfunction!(project_bounded_distortion, m)?)
+    m.add_function(wrap_pyfunction!(closest_on_mesh, m)?)
 }

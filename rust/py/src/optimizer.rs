@@ -1,11 +1,11 @@
 //! Bindings of `patchtransfer_core::optimizer`.
 
-use crate::convert::{PatchTuple, patch, points2};
+use crate::convert::{PatchTuple, patch, points2, rows};
 use crate::threads::{self, Deadline};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use patchtransfer_core::numeric::sparse::{CooMatrix, CscMatrix};
 use patchtransfer_core::optimizer::{Model, Settings, SplineOptimizer as Core, Step, Stop};
-use patchtransfer_core::sparse::{CooMatrix, CscMatrix};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use std::ops::ControlFlow;
@@ -26,15 +26,10 @@ fn runtime(error: impl std::fmt::Display) -> PyErr {
     PyRuntimeError::new_err(error.to_string())
 }
 
-fn array2<'py>(py: Python<'py>, points: &[[f64; 2]]) -> Bound<'py, PyArray2<f64>> {
-    let flat: Vec<f64> = points.iter().flatten().copied().collect();
-    Array2::from_shape_vec((points.len(), 2), flat).expect("sizes agree").into_pyarray(py)
-}
-
 #[pymethods]
 impl SplineOptimizer {
     #[new]
-    #[pyo3(signature = (reference, indices, n_points, free, nodes_per_degree=2, extra=vec![], excluded=vec![], z=None))]
+    #[pyo3(signature = (reference, indices, n_points, free, nodes_per_degree, extra=vec![], excluded=vec![], z=None))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
@@ -91,7 +86,7 @@ impl SplineOptimizer {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let x = self.shared_points(&points)?;
         let out = threads::run(py, || self.core.harmonic(&x))?.map_err(runtime)?;
-        Ok(array2(py, &out))
+        Ok(rows(py, &out))
     }
 
     fn determinants(&mut self, py: Python<'_>, points: PyReadonlyArray2<'_, f64>) -> PyResult<(f64, f64)> {
@@ -107,10 +102,10 @@ impl SplineOptimizer {
     ) -> PyResult<(f64, Bound<'py, PyArray2<f64>>)> {
         let x = self.shared_points(&points)?;
         let (energy, gradient) = threads::run(py, || self.core.gradient(&x, lambda_))?;
-        Ok((energy, array2(py, &gradient)))
+        Ok((energy, rows(py, &gradient)))
     }
 
-    #[pyo3(signature = (points, lambda_=0.3, max_steps=200, tolerance=1e-8, callback=None, seconds=None))]
+    #[pyo3(signature = (points, lambda_, max_steps, tolerance, callback=None, seconds=None))]
     #[allow(clippy::too_many_arguments)]
     fn minimise<'py>(
         &mut self,
@@ -155,7 +150,7 @@ impl SplineOptimizer {
             Stop::Stalled => "stalled",
             Stop::Interrupted => "time limit",
         };
-        Ok((array2(py, &outcome.points), outcome.energy, outcome.min_det, history.into_pyarray(py), stop))
+        Ok((rows(py, &outcome.points), outcome.energy, outcome.min_det, history.into_pyarray(py), stop))
     }
 }
 

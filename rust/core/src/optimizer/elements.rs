@@ -1,0 +1,304 @@
+//! Knot spans of a multi-patch gathered in strips, with the reference map at their nodes.
+//!
+//! A strip is a few spans of a patch in the first direction by all its spans in the second (or a single additional
+//! node): wide enough for vector units, small enough for the cache, and the unit of parallel work.
+
+use crate::numeric::lanes::WIDTH;
+use crate::numeric::quadrature::{gauss, lobatto};
+use crate::optimizer::axis::{Axis, Sampling, jacobians, span_of};
+use crate::spline::{SplinePatch, spans};
+use thiserror::Error;
+
+/// Spans of a strip in the first direction at most.
+const STRIP: usize = 8;
+
+/// Why elements cannot be built.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum ElementError {
+    /// The reference map is singular or folded at a node, so distortion relative to it is undefined.
+    #[error("the reference map of patch {patch} is singular at (u, v) = ({u}, {v}): det J = {det:e}")]
+    SingularReference {
+        /// Patch index.
+        patch: usize,
+        /// First parameter.
+        u: f64,
+        /// Second parameter.
+        v: f64,
+        /// Determinant found there.
+        det: f64,
+    },
+}
+
+/// An additional node, (patch, u, v).
+pub type ExtraNode = (usize, f64, f64);
+
+/// Part of a patch: which points its functions belong to.
+pub(crate) struct Strip {
+    pub patch: usize,
+    /// Functions in the first and second direction.
+    pub shape: [usize; 2],
+    /// Point of function (i, j), `[j * shape[0] + i]`.
+    pub points: Vec<u32>,
+}
+
+/// Nodes of a strip under one quadrature rule.
+#[derive(Clone)]
+pub(crate) struct Nodes {
+    /// Index of the axes.
+    pub u: usize,
+    pub v: usize,
+    /// Nodes in a row, rounded up to whole [`crate::numeric::lanes::Lanes`].
+    pub columns: usize,
+    /// `[(row * 5 + k) * columns + column]`: k < 4 the inverse of the reference Jacobian row by row, k = 4 the
+    /// weight; all zero where a node is left out or only fills up.
+    pub planes: Vec<f64>,
+    /// `[(row * 4 + k) * columns + column]`: Jacobian of the map that is added to; empty for none.
+    pub base: Vec<f64>,
+}
+
+/// A spline space to move points in: the knots of every patch and the points its functions belong to.
+pub(crate) struct Space<'a> {
+    pub knots: &'a [[Vec<f64>; 2]],
+    /// Per patch, function (i, j) at `[i * n_v + j]`.
+    pub indices: &'a [Vec<u32>],
+}
+
+/// All strips of a multi-patch.
+pub struct Elements {
+    pub(crate) axes: Vec<Axis>,
+    pub(crate) strips: Vec<Strip>,
+    /// Gauss–Lobatto nodes of the strips: energy, gradient, determinants, and by default the Hessian.
+    pub(crate) nodes: Vec<Nodes>,
+    /// Other nodes for the Hessian.
+    pub(crate) hessian_nodes: Option<Vec<Nodes>>,
+    /// Where the nodes lie in the spline space of the reference map, for [`Self::set_base`].
+    samplings: Vec<[Sampling; 2]>,
+}
+
+/// Quadrature of one direction: nodes and weights on [-1, 1].
+type Rule = (Vec<f64>, Vec<f64>);
+
+impl Elements {
+    /// Elements on Gauss–Lobatto nodes, `nodes_per_span(degree)` a direction.
+    ///
+    /// `reference` gives knots and the map that distortion is measured against; `indices[k]` the index of every
+    /// control point of patch k among the shared points. Nodes at the patch corners listed in `excluded`, pairs
+    /// (patch, corner) with corner 0..4 = (0,0), (1,0), (0,1), (1,1), are left out: the map is degenerate there.
+    pub fn new(
+        reference: &[SplinePatch],
+        indices: &[Vec<u32>],
+        nodes_per_span: impl Fn(usize) -> usize,
+        extra: &[ExtraNode],
+        excluded: &[(usize, usize)],
+    ) -> Result<Self, ElementError> {
+        let knots: Vec<[Vec<f64>; 2]> = reference.iter().map(|p| p.knots.clone()).collect();
+        let space = Space { knots: &knots, indices };
+        Self::on_space(reference, &space, nodes_per_span, extra, excluded)
+    }
+
+    /// Like [`Self::new`] for movements in a coarser spline space.
+    pub(crate) fn on_space(
+        reference: &[SplinePatch],
+        space: &Space,
+        nodes_per_span: impl Fn(usize) -> usize,
+        extra: &[ExtraNode],
+        excluded: &[(usize, usize)],
+    ) -> Result<Self, ElementError> {
+        let mut out = Self::empty();
+        for (k, patch) in reference.iter().enumerate() {
+            let rule = |degree: usize| lobatto(nodes_per_span(degree));
+            let ends: [[f64; 2]; 2] =
+                std::array::from_fn(|a| [patch.knots[a][0], patch.knots[a][patch.knots[a].len() - 1]]);
+            let skip = |u: f64, v: f64| {
+                let end = |axis: usize, t: f64| ends[axis].iter().position(|&e| e == t);
+                end(0, u).zip(end(1, v)).is_some_and(|(cu, cv)| excluded.contains(&(k, cu + 2 * cv)))
+            };
+            out.push_patch(patch, k, space, rule, skip)?;
+        }
+        let weights = |nodes: &[Nodes]| -> (f64, usize) {
+            let rows =
+                nodes.iter().flat_map(|n| n.planes.chunks_exact(5 * n.columns).map(|r| &r[4 * n.columns..]));
+            rows.flatten().fold((0.0, 0), |(sum, count), &w| (sum + w, count + usize::from(w > 0.0)))
+        };
+        let (total, used) = weights(&out.nodes);
+        let extra_weight = 0.3 * total / used.max(1) as f64;
+        for &(k, u, v) in extra {
+            let patch = &reference[k];
+            let span = |axis: usize, t: f64| span_of(&space.knots[k][axis], patch.degrees[axis], t, false);
+            out.push(patch, k, space, [&[span(0, u)], &[span(1, v)]], [&[u], &[v]], |_, _, _| extra_weight)?;
+        }
+        let (total, _) = weights(&out.nodes);
+        out.nodes.iter_mut().for_each(|n| n.scale_weights(1.0 / total));
+        Ok(out)
+    }
+
+    /// Integrate the Hessian on fewer, Gauss–Legendre nodes: `degree + 1` a span and direction.
+    pub(crate) fn use_gauss_hessian(&mut self, reference: &[SplinePatch], space: &Space) {
+        let mut other = Self::empty();
+        for (k, patch) in reference.iter().enumerate() {
+            // Singular where no Lobatto node is: such a node is left out, the energy decides.
+            let rule = |degree: usize| gauss(degree + 1);
+            if other.push_patch(patch, k, space, rule, |_, _| false).is_err() {
+                return;
+            }
+        }
+        let sum = |nodes: &[Nodes]| -> f64 {
+            nodes
+                .iter()
+                .flat_map(|n| n.planes.chunks_exact(5 * n.columns).map(|r| &r[4 * n.columns..]))
+                .flatten()
+                .sum()
+        };
+        let factor = sum(&self.nodes[..other.nodes.len()]) / sum(&other.nodes);
+        let shift = self.axes.len();
+        let mut nodes = other.nodes;
+        for n in &mut nodes {
+            n.scale_weights(factor);
+            (n.u, n.v) = (n.u + shift, n.v + shift);
+        }
+        nodes.extend_from_slice(&self.nodes[nodes.len()..]);
+        self.axes.extend(other.axes);
+        self.hessian_nodes = Some(nodes);
+        self.samplings.extend(other.samplings);
+    }
+
+    fn empty() -> Self {
+        Self { axes: vec![], strips: vec![], nodes: vec![], hessian_nodes: None, samplings: vec![] }
+    }
+
+    fn push_patch(
+        &mut self,
+        patch: &SplinePatch,
+        k: usize,
+        space: &Space,
+        rule: impl Fn(usize) -> Rule,
+        skip: impl Fn(f64, f64) -> bool,
+    ) -> Result<(), ElementError> {
+        let [(spans_u, u, wu), (spans_v, v, wv)] = std::array::from_fn(|axis| {
+            let (knots, degree) = (&space.knots[k][axis], patch.degrees[axis]);
+            let (x, w) = rule(degree);
+            let list = spans(knots, degree);
+            let (mut nodes, mut weights) = (vec![], vec![]);
+            for &s in &list {
+                let (a, b) = (knots[s], knots[s + 1]);
+                // End nodes are the knots themselves, to the bit.
+                let place = |&x: &f64| match x {
+                    -1.0 => a,
+                    1.0 => b,
+                    _ => 0.5 * ((a + b) + (b - a) * x),
+                };
+                nodes.extend(x.iter().map(place));
+                weights.extend(w.iter().map(|w| 0.5 * (b - a) * w));
+            }
+            (list, nodes, weights)
+        });
+        let (per_u, strips) = (u.len() / spans_u.len(), spans_u.len().div_ceil(STRIP));
+        for s in 0..strips {
+            let (from, to) = (s * spans_u.len() / strips, (s + 1) * spans_u.len() / strips);
+            let (nodes, offset) = (&u[from * per_u..to * per_u], from * per_u);
+            let weight = |i: usize, j: usize, det: f64| {
+                if skip(nodes[i], v[j]) { 0.0 } else { wu[offset + i] * wv[j] * det.abs() }
+            };
+            self.push(patch, k, space, [&spans_u[from..to], &spans_v], [nodes, &v], weight)?;
+        }
+        Ok(())
+    }
+
+    /// Add a strip with its nodes; `weight(i, j, det J)` is 0 for nodes to be left out.
+    fn push(
+        &mut self,
+        patch: &SplinePatch,
+        k: usize,
+        space: &Space,
+        spans: [&[usize]; 2],
+        nodes: [&[f64]; 2],
+        weight: impl Fn(usize, usize, f64) -> f64,
+    ) -> Result<(), ElementError> {
+        let sampling: [Sampling; 2] = std::array::from_fn(|axis| {
+            let per_span = nodes[axis].len() / spans[axis].len();
+            let knots = &space.knots[k][axis];
+            let at: Vec<(f64, usize)> = nodes[axis]
+                .iter()
+                .enumerate()
+                .map(|(i, &t)| {
+                    let from_below = t == knots[spans[axis][i / per_span] + 1] && per_span > 1;
+                    (t, span_of(&patch.knots[axis], patch.degrees[axis], t, from_below))
+                })
+                .collect();
+            Sampling::new(&patch.knots[axis], patch.degrees[axis], &at)
+        });
+        let reference = jacobians(&sampling[0], &sampling[1], &patch.points, patch.shape[1]);
+        let (m, columns) = (nodes[0].len(), nodes[0].len().next_multiple_of(WIDTH));
+        let mut planes = vec![0.0; nodes[1].len() * 5 * columns];
+        for (at, &[a, b, c, d]) in reference.iter().enumerate() {
+            let (i, j) = (at % m, at / m);
+            let det = a * d - b * c;
+            let w = weight(i, j, det);
+            let singular = det.abs() <= 1e-14 * ((a * a + c * c) * (b * b + d * d)).sqrt();
+            if singular && weight(i, j, 1.0) > 0.0 {
+                let (u, v) = (nodes[0][i], nodes[1][j]);
+                return Err(ElementError::SingularReference { patch: k, u, v, det });
+            }
+            if w > 0.0 {
+                for (plane, value) in [d / det, -b / det, -c / det, a / det, w].into_iter().enumerate() {
+                    planes[(j * 5 + plane) * columns + i] = value;
+                }
+            }
+        }
+        let axis = |a: usize| Axis::new(&space.knots[k][a], patch.degrees[a], spans[a], nodes[a]);
+        let (u, v) = (axis(0), axis(1));
+        let n_v = space.knots[k][1].len() - patch.degrees[1] - 1;
+        let corner = [spans[0][0] - patch.degrees[0], spans[1][0] - patch.degrees[1]];
+        let mut points = Vec::with_capacity(u.functions * v.functions);
+        for j in 0..v.functions {
+            points.extend((0..u.functions).map(|i| space.indices[k][(corner[0] + i) * n_v + corner[1] + j]));
+        }
+        self.strips.push(Strip { patch: k, shape: [u.functions, v.functions], points });
+        self.nodes.push(Nodes { u: self.axes.len(), v: self.axes.len() + 1, columns, planes, base: vec![] });
+        self.axes.extend([u, v]);
+        self.samplings.push(sampling);
+        Ok(())
+    }
+
+    /// Move on top of the map with the points `x` of the reference's own space (`indices` per patch).
+    pub(crate) fn set_base(&mut self, reference: &[SplinePatch], indices: &[Vec<u32>], x: &[[f64; 2]]) {
+        let nets: Vec<Vec<[f64; 2]>> =
+            indices.iter().map(|list| list.iter().map(|&i| x[i as usize]).collect()).collect();
+        let strips = &self.strips;
+        let fill = |nodes: &mut Nodes, s: usize, [u, v]: &[Sampling; 2]| {
+            let k = strips[s].patch;
+            let (m, rows) = (u.first.len(), v.first.len());
+            nodes.base.clear();
+            nodes.base.resize(rows * 4 * nodes.columns, 0.0);
+            for (at, j) in jacobians(u, v, &nets[k], reference[k].shape[1]).iter().enumerate() {
+                for plane in 0..4 {
+                    nodes.base[((at / m) * 4 + plane) * nodes.columns + at % m] = j[plane];
+                }
+            }
+        };
+        for (s, nodes) in self.nodes.iter_mut().enumerate() {
+            fill(nodes, s, &self.samplings[s]);
+        }
+        if let Some(list) = &mut self.hessian_nodes {
+            let regular = self.samplings.len() - self.nodes.len();
+            for (s, nodes) in list.iter_mut().enumerate() {
+                let at = if s < regular { self.nodes.len() + s } else { s };
+                fill(nodes, s, &self.samplings[at]);
+            }
+        }
+    }
+
+    /// Number of strips.
+    pub(crate) fn len(&self) -> usize {
+        self.strips.len()
+    }
+}
+
+impl Nodes {
+    fn scale_weights(&mut self, factor: f64) {
+        let columns = self.columns;
+        for row in self.planes.chunks_exact_mut(5 * columns) {
+            row[4 * columns..].iter_mut().for_each(|w| *w *= factor);
+        }
+    }
+}

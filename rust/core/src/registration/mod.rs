@@ -1,0 +1,5 @@
+//! Which point of the target's boundary belongs to which of the source's.
+
+pub mod inner_distance;
+pub mod matching;
+pub mod thin_plate;
