@@ -25,10 +25,10 @@ WIDEST = np.radians(145.0)
 WIDEST_MERGED = np.radians(165.0)
 #: Most corners of a piece: it becomes so many quads round a vertex.
 MOST_CORNERS = 6
-#: What a quad costs, and a piece that is none, beside squared deviations of angles in units of right angles.
-QUAD, NOT_A_QUAD = 0.2, 0.5
-#: Ends of the search for the best pieces: branches, not seconds, so that the result is the same everywhere.
-NODE_LIMIT, GAP = 2000, 1e-3
+#: What a quad costs beside squared deviations of angles in units of right angles: of equal pieces the fewer.
+QUAD = 0.05
+#: End of the search for the best pieces: branches, not seconds, so that the result is the same everywhere.
+NODE_LIMIT = 2000
 #: Nodes of a polygon with a smaller interior angle than this get a partner inside with their neighbours.
 CONVEX = np.radians(175.0)
 #: Depth of a partner, as part of the shorter chord at its node, ...
@@ -57,7 +57,7 @@ class Pieces:
 
 def quads_needed(angle: FloatArray) -> IntArray:
     """Least number of quads that fill interior angles (radians) of the outline."""
-    return np.maximum(np.ceil(angle / WIDEST - 1e-9), 1).astype(np.int64)
+    return np.asarray(np.maximum(np.ceil(angle / WIDEST - 1e-9), 1), np.int64)
 
 
 def convex_pieces(polygon: CoarsePolygon) -> Pieces:
@@ -187,10 +187,10 @@ def _best_partition(polygon: CoarsePolygon, points: FloatArray, triangles: IntAr
         integrality=np.ones(len(cost)),
         bounds=Bounds(0, 1),
         constraints=[LinearConstraint(once.tocsc(), 1, 1), LinearConstraint(around.tocsc(), needed, np.inf)],
-        options={"node_limit": NODE_LIMIT, "mip_rel_gap": GAP},
+        options={"node_limit": NODE_LIMIT, "mip_rel_gap": 0.0},
     )
     if found.x is None:
-        return triangles.tolist()
+        return [list(t) for t in triangles.tolist()]
     return [candidates[k][1] for k in np.flatnonzero(found.x > 0.5)]
 
 
@@ -246,4 +246,4 @@ def _cost(angles: FloatArray) -> float:
     n = len(angles)
     off = ((angles - np.pi / 2) / (np.pi / 2)) ** 2
     corners = float((off + off**3).sum())
-    return corners + (QUAD if n == 4 else n * (4 / n - 1) ** 2 + n * QUAD + NOT_A_QUAD)
+    return corners + (QUAD if n == 4 else n * (4 / n - 1) ** 2 + n * QUAD)
