@@ -174,6 +174,17 @@ def test_the_tip_of_a_leaf_is_filled_by_one_patch():
     assert result.quality.scaled_jacobian.min > 0.9 * result.corner_bound
 
 
+@pytest.mark.parametrize("width", [0.5, 0.05, 0.001])
+def test_the_end_of_a_slit_gets_three_patches(width):
+    """Nearly 360 degrees: two patches would have straight angles."""
+    points = [(0, 0), (1 - width / 2, 0), (1.01, 1), (1 + width / 2, 0), (2.1, 0), (2, 2), (-0.1, 2.2)]
+    own = loops_of(pt.Boundary([polygon(points)]))
+    layout = convex_layout(own)
+    tip = layout.boundary_vertices[np.linalg.norm(layout.points[layout.boundary_vertices] - points[2], axis=1).argmin()]
+    assert layout.valence[tip] >= 3
+    assert certified(pt.Boundary([polygon(points)])).certificate.status == "certified"
+
+
 def test_outlines_that_touch_are_refused():
     touching = polygon([(0, 0), (2, 0), (2, 2), (1, 0), (0, 2)])
     with pytest.raises(NoLayoutError, match=r"coarse polygon: near .* may touch itself") as raised:

@@ -102,12 +102,7 @@ def _triangles_enough(polygon: CoarsePolygon) -> tuple[FloatArray, IntArray]:
 
 def _runs(polygon: CoarsePolygon, poor: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The nodes, and neighbours of smooth ones as far as the outline stays smooth and the polygon convex."""
-    n = len(poor)
-    before = np.empty(n, np.int64)
-    before[polygon.next] = np.arange(n)
-    out = polygon.points[polygon.next] - polygon.points
-    back = polygon.points[before] - polygon.points
-    wedge = np.mod(angle_between(out, back), 2 * np.pi)
+    before, wedge = _wedges(polygon)
     alike = ~polygon.corner & (wedge < CONVEX)
     chosen = poor.copy()
     for start in np.flatnonzero(poor & alike):
@@ -120,35 +115,41 @@ def _runs(polygon: CoarsePolygon, poor: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _partners(polygon: CoarsePolygon, points: FloatArray, nodes: IntArray) -> FloatArray:
-    """A point inside for each of some nodes, on the bisector of its angle, nearer to it than to anything else.
+    """Points inside for some nodes, nearer to them than to anything else, one fewer than a node needs pieces.
 
-    Its edge to the node is in every constrained Delaunay triangulation then.
+    They share out the angle between its chords. Their edges to the node are in every constrained Delaunay triangulation.
     """
     a, b = polygon.points, polygon.points[polygon.next]
     length = np.linalg.norm(b - a, axis=1)
-    before = np.empty(len(a), np.int64)
-    before[polygon.next] = np.arange(len(a))
+    before, wedge = _wedges(polygon)
+    needed = quads_needed(polygon.angle)
     made: list[FloatArray] = []
     for v in nodes:
-        half = polygon.angle[v] / 2
-        cosine, sine = np.cos(half), np.sin(half)
-        x, y = polygon.leaving[v]
-        inwards = np.array([cosine * x - sine * y, sine * x + cosine * y])
-        others = np.delete(np.concatenate([points, *(p[None] for p in made)]), v, axis=0)
+        x, y = (b[v] - a[v]) / length[v]
+        turns = wedge[v] * np.arange(1, needed[v]) / needed[v]
+        cosine, sine = np.cos(turns), np.sin(turns)
+        inwards = np.column_stack([cosine * x - sine * y, sine * x + cosine * y])
+        others = np.delete(np.concatenate([points, *made]), v, axis=0)
         apart = np.ones(len(a), bool)
         apart[[v, before[v]]] = False
         depth = DEPTH * min(length[v], length[before[v]])
         for _ in range(REDUCTIONS):
-            place = a[v] + depth * inwards
-            near = np.linalg.norm(others - place, axis=1).min()
-            if (
-                near > depth / SHRINK
-                and _distance(place, a[apart], b[apart]).min(initial=np.inf) > CHORD_CLEARANCE * depth
-            ):
+            places = a[v] + depth * inwards
+            near = np.linalg.norm(others[:, None] - places, axis=2).min()
+            walls = min(_distance(place, a[apart], b[apart]).min(initial=np.inf) for place in places)
+            if near > depth / SHRINK and walls > CHORD_CLEARANCE * depth:
                 break
             depth *= SHRINK
-        made.append(place)
-    return np.array(made)
+        made.append(places)
+    return np.concatenate(made)
+
+
+def _wedges(polygon: CoarsePolygon) -> tuple[IntArray, FloatArray]:
+    """The node before every node, and the angle between its chords in radians."""
+    before = np.empty(len(polygon.points), np.int64)
+    before[polygon.next] = np.arange(len(before))
+    out, back = polygon.points[polygon.next] - polygon.points, polygon.points[before] - polygon.points
+    return before, np.mod(angle_between(out, back), 2 * np.pi)
 
 
 def _distance(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
