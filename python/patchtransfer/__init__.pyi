@@ -35,5 +35,5 @@ from .pipeline.result import NotCertifiedError as NotCertifiedError
 from .pipeline.result import TransferResult as TransferResult
 from .proof.certificate import Certificate as Certificate
 from .proof.certificate import certify as certify
-from .sources.quad_layout import QuadLayout as QuadLayout
 from .sources.layout import from_layout as from_layout
+from .sources.quad_layout import QuadLayout as QuadLayout

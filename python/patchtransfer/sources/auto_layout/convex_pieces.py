@@ -117,7 +117,7 @@ def _runs(polygon: CoarsePolygon, poor: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _partners(polygon: CoarsePolygon, points: FloatArray, nodes: IntArray) -> FloatArray:
     """Points inside for some nodes, nearer to them than to anything else, one fewer than a node needs pieces.
 
-    They share out the angle between its chords. Their edges to the node are in every constrained Delaunay triangulation.
+    They share out the angle between its chords. Every constrained Delaunay triangulation has their edges to it.
     """
     a, b = polygon.points, polygon.points[polygon.next]
     length = np.linalg.norm(b - a, axis=1)

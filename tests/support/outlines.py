@@ -8,12 +8,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 import patchtransfer as pt
-
-
-def polygon(points) -> list[pt.BSplineCurve]:
-    points = np.asarray(points, float)
-    following = np.roll(points, -1, axis=0)
-    return [pt.BSplineCurve([0, 0, 1, 1], 1, [a, b]) for a, b in zip(points, following, strict=True)]
+from shapes import polygon
 
 
 def smooth_loop(points, pieces=1) -> list[pt.BSplineCurve]:
@@ -81,11 +76,10 @@ def blobs(draw):
     loops = [smooth_loop(radius[:, None] * circle * [draw(st.floats(1.0, 1.5)), 1.0], draw(st.integers(1, 3)))]
     for k in range(draw(st.integers(0, 3))):
         at = 0.42 * np.array([np.cos(2 * np.pi * k / 3), np.sin(2 * np.pi * k / 3)])
-        size, turn = draw(st.floats(0.05, 0.25)), draw(st.floats(0, 6.28))
-        corners = turn + np.arange(4 if draw(st.booleans()) else 16) * 2 * np.pi
-        corners = turn + 2 * np.pi * np.arange(len(corners)) / len(corners)
-        points = at + size * np.column_stack([np.cos(corners), np.sin(corners)])
-        loops.append(polygon(points[::-1]) if len(corners) == 4 else smooth_loop(points))
+        size, turn, square = draw(st.floats(0.05, 0.25)), draw(st.floats(0, 6.28)), draw(st.booleans())
+        around = turn + np.linspace(0, 2 * np.pi, 4 if square else 16, endpoint=False)
+        points = at + size * np.column_stack([np.cos(around), np.sin(around)])
+        loops.append(polygon(points[::-1]) if square else smooth_loop(points))
     return pt.Boundary(loops)
 
 

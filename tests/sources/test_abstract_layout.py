@@ -10,18 +10,12 @@ from hypothesis import strategies as st
 import patchtransfer as pt
 from patchtransfer.sources.drawing import circle_drawing
 from patchtransfer.sources.quad_layout import convex
+from shapes import circle
 from strategies import layouts, outline
 
 #: A square inside a ring of four quads.
 DISK = [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7]]
 RING = DISK[:4]
-
-
-def rim(centre=(0.0, 0.0), radius=1.0, pieces=32) -> list[pt.BSplineCurve]:
-    t = np.linspace(0, 2 * np.pi, pieces + 1)
-    x = np.asarray(centre) + radius * np.column_stack([np.cos(t), np.sin(t)])
-    x[-1] = x[0]
-    return [pt.BSplineCurve([0, 0, 1, 1], 1, x[[k, k + 1]]) for k in range(pieces)]
 
 
 def quarters(first: int, radius=1.0, turn=0.0) -> dict[int, tuple[float, float]]:
@@ -30,7 +24,7 @@ def quarters(first: int, radius=1.0, turn=0.0) -> dict[int, tuple[float, float]]
 
 
 def test_connectivity_and_places_of_the_boundary_are_enough():
-    result = pt.from_layout(None, DISK, pt.Boundary([rim()]), 3, 3, assignment=quarters(0))
+    result = pt.from_layout(None, DISK, pt.Boundary([[circle()]]), 3, 3, assignment=quarters(0))
     assert result.certificate.status == "certified"
     assert result.quality.scaled_jacobian.mean > 0.98
     for k, (x, y) in quarters(0).items():
@@ -40,7 +34,7 @@ def test_connectivity_and_places_of_the_boundary_are_enough():
 def test_a_ring_of_curved_quads_whose_straight_sides_would_cross_the_hole():
     """Chords of the outer circle cut the hole: no straight drawing at the boundary's own points."""
     hole, assignment = 0.9, quarters(0) | quarters(4, 0.9)
-    boundary = pt.Boundary([rim(), rim(radius=hole)])
+    boundary = pt.Boundary([[circle()], [circle(hole)]])
     layout = pt.QuadLayout.abstract(RING, assignment=assignment)
     result = pt.from_layout(layout.vertices, layout.quads, boundary, assignment=layout.assignment)
     assert result.certificate.status == "certified"
@@ -112,17 +106,17 @@ def test_bad_assignments_are_refused(change, message):
     assignment = quarters(0) | change
     assignment = {v: place for v, place in assignment.items() if place is not None}
     with pytest.raises(pt.InputError, match=message):
-        pt.from_layout(None, DISK, pt.Boundary([rim()]), assignment=assignment)
+        pt.from_layout(None, DISK, pt.Boundary([[circle()]]), assignment=assignment)
 
 
 def test_loops_have_to_correspond():
     both = quarters(0) | quarters(4, 0.5)
     with pytest.raises(pt.InputError, match="layout has 2 boundary loops and the boundary 1"):
-        pt.from_layout(None, RING, pt.Boundary([rim()]), assignment=both)
-    boundary = pt.Boundary([rim(), rim(radius=0.5)])
+        pt.from_layout(None, RING, pt.Boundary([[circle()]]), assignment=both)
+    boundary = pt.Boundary([[circle()], [circle(0.5)]])
     with pytest.raises(pt.InputError, match=r"layout loops 0 and 1 .* both assigned to boundary loop 0"):
         pt.from_layout(None, RING, boundary, assignment=quarters(0) | quarters(4))
-    with pytest.raises(pt.InputError, match=r"layout vertices \d and 2 are on one loop of the layout"):
+    with pytest.raises(pt.InputError, match=r"layout vertices 0 and 2 are on one loop of the layout"):
         pt.from_layout(None, RING, boundary, assignment=both | {2: (-0.5, 0.0)})
     # Either loop of the ring may be the outer one.
     inside_out = quarters(4) | quarters(0, 0.5)
@@ -131,7 +125,7 @@ def test_loops_have_to_correspond():
     assert result.certificate.status == "certified"
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(layouts(), st.randoms(use_true_random=False))
 def test_any_layout_is_certified_on_its_outline_from_its_connectivity_alone(layout, random):
     """Renumbered, without vertices; the straight quads are a solution."""
@@ -147,7 +141,7 @@ def test_any_layout_is_certified_on_its_outline_from_its_connectivity_alone(layo
     assert sorted(v.valence for v in result.multipatch.vertices if v.extraordinary) == expected
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(layouts())
 def test_drawings_of_layouts_are_convex(layout):
     graph = pt.QuadLayout.abstract(layout.quads).graph

@@ -8,7 +8,7 @@ from hypothesis import assume, event, given, settings
 from hypothesis import strategies as st
 
 import patchtransfer as pt
-from outlines import blobs, cell_unions, outlines, polygon, smooth_loop, star_polygons
+from outlines import blobs, cell_unions, outlines, smooth_loop, star_polygons
 from patchtransfer.geometry.outline import Outline
 from patchtransfer.proof.feasibility import check_loops
 from patchtransfer.sources.auto_layout.coarse_polygon import coarse_polygon
@@ -16,6 +16,7 @@ from patchtransfer.sources.auto_layout.convex import convex_layout
 from patchtransfer.sources.auto_layout.convex_pieces import convex_pieces, quads_needed
 from patchtransfer.sources.auto_layout.reasons import NoLayoutError
 from patchtransfer.sources.auto_layout.with_places import with_places
+from shapes import polygon
 
 
 def loops_of(boundary: pt.Boundary) -> list[Outline]:
@@ -49,7 +50,7 @@ def moved(boundary: pt.Boundary, linear: np.ndarray) -> pt.Boundary:
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(outlines)
 def test_every_outline_has_a_certified_layout(boundary):
     assume(valid(boundary))
@@ -62,7 +63,7 @@ def test_every_outline_has_a_certified_layout(boundary):
     assert own == pytest.approx(area_of(boundary), rel=5e-3)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(outlines)
 def test_layouts_are_what_they_say(boundary):
     """A disk with holes, corners on vertices, enough quads at every boundary vertex, arc lengths in order."""
@@ -192,7 +193,7 @@ def test_outlines_that_touch_are_refused():
     assert raised.value.stage == "coarse polygon"
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.one_of(star_polygons(), cell_unions(), blobs()))
 def test_pieces_tile_the_polygon(boundary):
     assume(valid(boundary))
