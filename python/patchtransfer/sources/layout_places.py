@@ -104,17 +104,19 @@ def _loop_of(
     distance = np.array([d for _, d in feet])
     # By the farthest vertex: loops may run side by side closer than points are known.
     k = int(distance.max(axis=1).argmin())
-    worst = int(distance[k].argmax())
-    if distance[k, worst] > SNAP_DISTANCE * diameter:
-        other = int(distance[:, worst].argmin())
-        if distance[other, worst] > SNAP_DISTANCE * diameter:
-            raise off_boundary(vertices[worst], points[worst], float(distance[other, worst]), diameter)
-        same = int(np.argmin(distance[k]))
-        raise InputError(
-            f"layout vertices {vertices[same]} and {vertices[worst]} are on one loop of the layout, but assigned to "
-            f"boundary loops {k} and {other}; assign them points of one loop"
-        )
-    return k, feet[k][0]
+    if distance[k].max() <= SNAP_DISTANCE * diameter:
+        return k, feet[k][0]
+    nearest = distance.argmin(axis=0)
+    far = int(distance.min(axis=0).argmax())
+    if distance[nearest[far], far] > SNAP_DISTANCE * diameter:
+        raise off_boundary(vertices[far], points[far], float(distance[nearest[far], far]), diameter)
+    # Most are right.
+    k = int(np.bincount(nearest).argmax())
+    same, other = (int(np.flatnonzero(mask)[0]) for mask in (nearest == k, nearest != k))
+    raise InputError(
+        f"layout vertices {vertices[same]} and {vertices[other]} are on one loop of the layout, but assigned to "
+        f"boundary loops {k} and {nearest[other]}; assign them points of one loop"
+    )
 
 
 def _steps(vertices: list[int], s: FloatArray, length: float, k: int) -> FloatArray:

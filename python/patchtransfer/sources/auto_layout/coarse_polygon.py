@@ -72,7 +72,7 @@ class CoarsePolygon:
     def arc_lengths(self) -> FloatArray:
         """Of the arc from every node to the next."""
         length = np.array([loop.length for loop in self.loops])[self.loop]
-        return length - np.mod(self.t - self.t[self.next], length)
+        return np.asarray(length - np.mod(self.t - self.t[self.next], length))
 
     def on_arc(self, node: IntArray, fraction: float) -> tuple[FloatArray, FloatArray]:
         """Arc lengths on directed loops, and points, at a fraction of the arcs that leave nodes."""
@@ -192,16 +192,16 @@ def _bad_arcs(polygon: CoarsePolygon) -> NDArray[np.bool_]:
         bad[i] |= bool((_crosses(a[i], b[i], a, b) & apart).any())
     # Halving a straight arc changes nothing: its neighbours have to give way.
     straight = height < 1e-9 * length
-    return bad & ~straight if (bad & ~straight).any() else bad
+    return np.asarray(bad & ~straight if (bad & ~straight).any() else bad)
 
 
 def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
     """Signed angles from vectors (..., 2) to others, in radians."""
-    return np.arctan2(_cross(a, b), (a * b).sum(axis=-1))
+    return np.asarray(np.arctan2(_cross(a, b), (a * b).sum(axis=-1)))
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def _crosses(p: FloatArray, q: FloatArray, a: FloatArray, b: FloatArray) -> NDArray[np.bool_]:
@@ -210,11 +210,11 @@ def _crosses(p: FloatArray, q: FloatArray, a: FloatArray, b: FloatArray) -> NDAr
     first, second = _cross(q - p, a - p), _cross(q - p, b - p)
     third, fourth = _cross(b - a, p - a), _cross(b - a, q - a)
     across = (np.minimum(first, second) < -least) & (np.maximum(first, second) > least)
-    return across & (third * fourth < 0)
+    return np.asarray(across & (third * fourth < 0))
 
 
 def _winding(ring: FloatArray, points: FloatArray) -> IntArray:
     """How often a closed ring (m, 2) runs round points (n, 2)."""
     out = ring[None] - points[:, None]
     turns = angle_between(out, np.roll(out, -1, axis=1)).sum(axis=1) / (2 * np.pi)
-    return np.rint(turns).astype(np.int64)
+    return np.asarray(np.rint(turns), np.int64)

@@ -15,15 +15,13 @@ from .midpoints import PlacedQuads, quads_of_pieces
 __all__ = ["convex_layout"]
 
 
-def convex_layout(outlines: Sequence[Outline], *, collapse: bool = True) -> AbstractLayout:
+def convex_layout(outlines: Sequence[Outline]) -> AbstractLayout:
     """A layout that needs nothing but a valid outline; it has more patches than need be.
 
     Parameters
     ----------
     outlines : sequence of Outline
         Loops in any order and sense, simple, disjoint, all but one inside that one.
-    collapse : bool, default True
-        Whether strips of quads are removed while the layout gets better by that.
 
     Returns
     -------

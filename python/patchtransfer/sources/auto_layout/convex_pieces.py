@@ -1,4 +1,4 @@
-"""A coarse polygon cut into nearly convex pieces: triangulated, then merged (Hertel, Mehlhorn 1983).
+"""A coarse polygon cut into nearly convex pieces: triangulated, triangles united.
 
 Angles at the outline are those of the curve, to its tangents; at a smooth node, and at every corner too wide for one
 patch, several pieces are kept.
@@ -6,11 +6,11 @@ patch, several pieces are kept.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
 
 from ..._core import TriangulationError, triangulate
 from ...numeric.arrays import FloatArray, IntArray
@@ -25,8 +25,10 @@ WIDEST = np.radians(145.0)
 WIDEST_MERGED = np.radians(165.0)
 #: Most corners of a piece: it becomes so many quads round a vertex.
 MOST_CORNERS = 6
-#: What two quads less are worth beside squared deviations of angles, in units of right angles.
-FEWER_QUADS = 0.5
+#: What a quad costs beside squared deviations of angles in units of right angles: of equal pieces the fewer.
+QUAD = 0.05
+#: End of the search for the best pieces: branches, not seconds, so that the result is the same everywhere.
+NODE_LIMIT = 2000
 #: Nodes of a polygon with a smaller interior angle than this get a partner inside with their neighbours.
 CONVEX = np.radians(175.0)
 #: Depth of a partner, as part of the shorter chord at its node, ...
@@ -55,7 +57,7 @@ class Pieces:
 
 def quads_needed(angle: FloatArray) -> IntArray:
     """Least number of quads that fill interior angles (radians) of the outline."""
-    return np.maximum(np.ceil(angle / WIDEST - 1e-9), 1).astype(np.int64)
+    return np.asarray(np.maximum(np.ceil(angle / WIDEST - 1e-9), 1), np.int64)
 
 
 def convex_pieces(polygon: CoarsePolygon) -> Pieces:
@@ -67,12 +69,10 @@ def convex_pieces(polygon: CoarsePolygon) -> Pieces:
         When the polygon has no triangulation, or a node does not get its pieces.
     """
     points, triangles = _triangles_enough(polygon)
-    merging = _Merging(polygon, points, triangles)
-    merging.run()
-    return Pieces(points, [cycle for cycle in merging.cycles if cycle])
+    return Pieces(points, _best_partition(polygon, points, triangles))
 
 
-def _triangles_enough(polygon: CoarsePolygon) -> tuple[FloatArray, list[list[int]]]:
+def _triangles_enough(polygon: CoarsePolygon) -> tuple[FloatArray, IntArray]:
     """Triangulate; where a node has too few triangles it gets a partner inside, which is joined to it."""
     n = len(polygon.points)
     needed = quads_needed(polygon.angle)
@@ -97,17 +97,12 @@ def _triangles_enough(polygon: CoarsePolygon) -> tuple[FloatArray, list[list[int
             f"the outline turns by {np.degrees(np.pi - polygon.angle[short[0]]):.0f} degrees at "
             f"({x:.6g}, {y:.6g}) and {count[short[0]]} pieces meet there; {needed[short[0]]} are needed",
         )
-    return points, triangles.tolist()
+    return points, triangles
 
 
 def _runs(polygon: CoarsePolygon, poor: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The nodes, and neighbours of smooth ones as far as the outline stays smooth and the polygon convex."""
-    n = len(poor)
-    before = np.empty(n, np.int64)
-    before[polygon.next] = np.arange(n)
-    out = polygon.points[polygon.next] - polygon.points
-    back = polygon.points[before] - polygon.points
-    wedge = np.mod(angle_between(out, back), 2 * np.pi)
+    before, wedge = _wedges(polygon)
     alike = ~polygon.corner & (wedge < CONVEX)
     chosen = poor.copy()
     for start in np.flatnonzero(poor & alike):
@@ -120,35 +115,41 @@ def _runs(polygon: CoarsePolygon, poor: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _partners(polygon: CoarsePolygon, points: FloatArray, nodes: IntArray) -> FloatArray:
-    """A point inside for each of some nodes, on the bisector of its angle, nearer to it than to anything else.
+    """Points inside for some nodes, nearer to them than to anything else, one fewer than a node needs pieces.
 
-    Its edge to the node is in every constrained Delaunay triangulation then.
+    They share out the angle between its chords. Every constrained Delaunay triangulation has their edges to it.
     """
     a, b = polygon.points, polygon.points[polygon.next]
     length = np.linalg.norm(b - a, axis=1)
-    before = np.empty(len(a), np.int64)
-    before[polygon.next] = np.arange(len(a))
+    before, wedge = _wedges(polygon)
+    needed = quads_needed(polygon.angle)
     made: list[FloatArray] = []
     for v in nodes:
-        half = polygon.angle[v] / 2
-        cosine, sine = np.cos(half), np.sin(half)
-        x, y = polygon.leaving[v]
-        inwards = np.array([cosine * x - sine * y, sine * x + cosine * y])
-        others = np.delete(np.concatenate([points, *(p[None] for p in made)]), v, axis=0)
+        x, y = (b[v] - a[v]) / length[v]
+        turns = wedge[v] * np.arange(1, needed[v]) / needed[v]
+        cosine, sine = np.cos(turns), np.sin(turns)
+        inwards = np.column_stack([cosine * x - sine * y, sine * x + cosine * y])
+        others = np.delete(np.concatenate([points, *made]), v, axis=0)
         apart = np.ones(len(a), bool)
         apart[[v, before[v]]] = False
         depth = DEPTH * min(length[v], length[before[v]])
         for _ in range(REDUCTIONS):
-            place = a[v] + depth * inwards
-            near = np.linalg.norm(others - place, axis=1).min()
-            if (
-                near > depth / SHRINK
-                and _distance(place, a[apart], b[apart]).min(initial=np.inf) > CHORD_CLEARANCE * depth
-            ):
+            places = a[v] + depth * inwards
+            near = np.linalg.norm(others[:, None] - places, axis=2).min()
+            walls = min(_distance(place, a[apart], b[apart]).min(initial=np.inf) for place in places)
+            if near > depth / SHRINK and walls > CHORD_CLEARANCE * depth:
                 break
             depth *= SHRINK
-        made.append(place)
-    return np.array(made)
+        made.append(places)
+    return np.concatenate(made)
+
+
+def _wedges(polygon: CoarsePolygon) -> tuple[IntArray, FloatArray]:
+    """The node before every node, and the angle between its chords in radians."""
+    before = np.empty(len(polygon.points), np.int64)
+    before[polygon.next] = np.arange(len(before))
+    out, back = polygon.points[polygon.next] - polygon.points, polygon.points[before] - polygon.points
+    return before, np.mod(angle_between(out, back), 2 * np.pi)
 
 
 def _distance(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
@@ -158,99 +159,92 @@ def _distance(point: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(a + along[:, None] * way - point, axis=1))
 
 
-class _Merging:
-    """Triangles that are merged over their common edges, the best first, while pieces stay good."""
+def _best_partition(polygon: CoarsePolygon, points: FloatArray, triangles: IntArray) -> list[list[int]]:
+    """Unions of few triangles that contain each triangle once, enough at every point, at the least cost.
 
-    def __init__(self, polygon: CoarsePolygon, points: FloatArray, triangles: Sequence[list[int]]) -> None:
-        self.polygon, self.points = polygon, points
-        self.cycles = [list(t) for t in triangles]
-        self.owner = {(c[i], c[(i + 1) % 3]): k for k, c in enumerate(self.cycles) for i in range(3)}
-        self.count = np.bincount(np.concatenate([np.array(c) for c in self.cycles]), minlength=len(points))
-        n = len(polygon.points)
-        # A vertex inside needs three pieces for angles below 180 degrees.
-        self.needed = np.concatenate([quads_needed(polygon.angle), np.full(len(points) - n, 3)])
-        self.outgoing = dict(zip(range(n), polygon.next.tolist(), strict=True))
-        # How far the curve's tangents turn away from the chords.
+    Single triangles are among them, so that there always is one.
+    """
+    from scipy.optimize import Bounds, LinearConstraint, milp
+
+    unions = _unions(triangles)
+    angles = _Angles(polygon, points)
+    candidates = [
+        (members, cycle, angle)
+        for members, cycle in unions
+        if (angle := angles.of(cycle)).max() <= WIDEST_MERGED or len(members) == 1
+    ]
+    cost = np.array([_cost(angle) for _, _, angle in candidates])
+    triangle = np.concatenate([members for members, _, _ in candidates])
+    corner = np.concatenate([cycle for _, cycle, _ in candidates])
+    of_triangle = np.repeat(np.arange(len(candidates)), [len(members) for members, _, _ in candidates])
+    of_corner = np.repeat(np.arange(len(candidates)), [len(cycle) for _, cycle, _ in candidates])
+    once = coo_array((np.ones(len(triangle)), (triangle, of_triangle)), shape=(len(triangles), len(candidates)))
+    around = coo_array((np.ones(len(corner)), (corner, of_corner)), shape=(len(points), len(candidates)))
+    # A vertex inside needs three pieces for angles below 180 degrees.
+    inside = np.full(len(points) - len(polygon.points), 3)
+    needed = np.concatenate([quads_needed(polygon.angle), inside])
+    found = milp(
+        cost,
+        integrality=np.ones(len(cost)),
+        bounds=Bounds(0, 1),
+        constraints=[LinearConstraint(once.tocsc(), 1, 1), LinearConstraint(around.tocsc(), needed, np.inf)],
+        options={"node_limit": NODE_LIMIT, "mip_rel_gap": 0.0},
+    )
+    if found.x is None:
+        return [list(t) for t in triangles.tolist()]
+    return [candidates[k][1] for k in np.flatnonzero(found.x > 0.5)]
+
+
+def _unions(triangles: IntArray) -> list[tuple[list[int], list[int]]]:
+    """Members and boundary cycle of every union of triangles, joined by edges, that has few corners."""
+    owner = {(int(t[i - 1]), int(t[i])): k for k, t in enumerate(triangles) for i in range(3)}
+    latest = {frozenset([k]): t for k, t in enumerate(triangles.tolist())}
+    found = dict(latest)
+    for _ in range(MOST_CORNERS - 3):
+        larger = {}
+        for members, cycle in latest.items():
+            for i, b in enumerate(cycle):
+                a = cycle[i - 1]
+                k = owner.get((b, a))
+                if k is None or k in members or (union := members | {k}) in larger:
+                    continue
+                (apex,) = set(triangles[k].tolist()) - {a, b}
+                # A corner that is there already would be touched twice, or lie inside.
+                if apex not in cycle:
+                    larger[union] = [*cycle[:i], apex, *cycle[i:]]
+        found |= larger
+        latest = larger
+    return [(sorted(members), cycle) for members, cycle in found.items()]
+
+
+class _Angles:
+    """Angles at the corners of pieces, to the curve's tangents where edges are chords."""
+
+    def __init__(self, polygon: CoarsePolygon, points: FloatArray) -> None:
+        self.points, n = points, len(polygon.points)
+        self.following = dict(zip(range(n), polygon.next.tolist(), strict=True))
+        # How far the tangents turn away from the chords.
         chord = polygon.points[polygon.next] - polygon.points
         self.out_turn = angle_between(chord, polygon.leaving)
         self.back_turn = np.empty(n)
         self.back_turn[polygon.next] = angle_between(chord, polygon.arriving[polygon.next])
-        self.cost = [self._cost(c) for c in self.cycles]
 
-    def run(self) -> None:
-        """Merge until nothing is gained."""
-        gains = {edge: self._gain(edge) for edge in self.owner if edge[0] < edge[1]}
-        while True:
-            edge, gain = max(gains.items(), key=lambda item: (item[1], item[0]), default=((0, 0), 0.0))
-            if gain <= 0:
-                return
-            kept = self._merge(edge)
-            del gains[edge]
-            changed = {self.owner[e] for e in self._edges(kept)} | {
-                self.owner[b, a] for a, b in self._edges(kept) if (b, a) in self.owner
-            }
-            # The counts at the ends have changed for all pieces around them.
-            for a, b in list(gains):
-                if self.owner[a, b] in changed or edge[0] in (a, b) or edge[1] in (a, b):
-                    gains[a, b] = self._gain((a, b))
-
-    def _edges(self, k: int) -> list[tuple[int, int]]:
-        cycle = self.cycles[k]
-        return [(cycle[i - 1], cycle[i]) for i in range(len(cycle))]
-
-    def _union(self, edge: tuple[int, int]) -> list[int]:
-        a, b = edge
-        first, second = self.cycles[self.owner[a, b]], self.cycles[self.owner[b, a]]
-        i, j = first.index(b), second.index(a)
-        # From b round the first to a, then round the second back to b.
-        rest = second[j:] + second[:j]
-        return first[i:] + first[:i] + rest[1:-1]
-
-    def _gain(self, edge: tuple[int, int]) -> float:
-        """What merging over an edge improves; -inf where it must not be."""
-        a, b = edge
-        if (b, a) not in self.owner or self.owner[a, b] == self.owner[b, a]:
-            return -np.inf
-        if self.count[a] <= self.needed[a] or self.count[b] <= self.needed[b]:
-            return -np.inf
-        union = self._union(edge)
-        if len(union) > MOST_CORNERS or len(set(union)) < len(union):
-            return -np.inf
-        if self._angles(union).max() > WIDEST_MERGED:
-            return -np.inf
-        k, other = self.owner[a, b], self.owner[b, a]
-        return self.cost[k] + self.cost[other] + FEWER_QUADS - self._cost(union)
-
-    def _merge(self, edge: tuple[int, int]) -> int:
-        a, b = edge
-        k, other = self.owner[a, b], self.owner[b, a]
-        union = self._union(edge)
-        for way in (edge, (b, a)):
-            del self.owner[way]
-        self.cycles[k], self.cycles[other] = union, []
-        self.count[[a, b]] -= 1
-        self.cost[k] = self._cost(union)
-        for e in self._edges(k):
-            self.owner[e] = k
-        return k
-
-    def _angles(self, cycle: list[int]) -> FloatArray:
-        """Angles at the corners of a piece, to the curve's tangents where its edges are chords."""
-        n = len(self.out_turn)
+    def of(self, cycle: list[int]) -> FloatArray:
+        """Angles in radians at the corners of a piece, in their order."""
         x = self.points[cycle]
         out, back = np.roll(x, -1, axis=0) - x, np.roll(x, 1, axis=0) - x
         angle = np.mod(angle_between(out, back), 2 * np.pi)
         for i, v in enumerate(cycle):
-            if v < n:
-                if self.outgoing[v] == cycle[(i + 1) % len(cycle)]:
-                    angle[i] -= self.out_turn[v]
-                if self.outgoing.get(cycle[i - 1]) == v:
-                    angle[i] += self.back_turn[v]
+            if self.following.get(v) == cycle[(i + 1) % len(cycle)]:
+                angle[i] -= self.out_turn[v]
+            if self.following.get(cycle[i - 1]) == v:
+                angle[i] += self.back_turn[v]
         return angle
 
-    def _cost(self, cycle: list[int]) -> float:
-        """Squared deviations of angles from right ones, of the corners and round the middle."""
-        n = len(cycle)
-        right = np.pi / 2
-        middle = 0.0 if n == 4 else n * (4 / n - 1) ** 2
-        return float((((self._angles(cycle) - right) / right) ** 2).sum()) + middle
+
+def _cost(angles: FloatArray) -> float:
+    """What a piece costs: angles that are not right ones, at its corners and round its middle, and quads."""
+    n = len(angles)
+    off = ((angles - np.pi / 2) / (np.pi / 2)) ** 2
+    corners = float((off + off**3).sum())
+    return corners + (QUAD if n == 4 else n * (4 / n - 1) ** 2 + n * QUAD)

@@ -43,18 +43,19 @@ def quads_of_pieces(polygon: CoarsePolygon, pieces: Pieces) -> PlacedQuads:
     split = _split_edges(edges, pieces.cycles)
     n = len(pieces.points)
     middle = {edge: n + k for k, edge in enumerate(sorted(split))}
-    quads, centres = [], []
+    quads: list[list[int]] = []
+    centres: list[FloatArray] = []
     for cycle in pieces.cycles:
-        middles = [middle.get((min(a, b), max(a, b))) for a, b in _edges(cycle)]
-        if None not in middles:
+        middles = [middle.get((min(a, b), max(a, b)), -1) for a, b in _edges(cycle)]
+        if min(middles) >= 0:
             # Edge i runs from corner i - 1 to corner i.
             centre = n + len(middle) + len(centres)
             centres.append(pieces.points[cycle].mean(axis=0))
             quads += [[v, middles[(i + 1) % len(cycle)], centre, middles[i]] for i, v in enumerate(cycle)]
-        elif middles == [None] * 4:
+        elif max(middles) < 0:
             quads.append(cycle)
         else:
-            a, b, c, d = cycle if middles[1] is not None else cycle[1:] + cycle[:1]
+            a, b, c, d = cycle if middles[1] >= 0 else cycle[1:] + cycle[:1]
             m, o = (middle[min(p, q), max(p, q)] for p, q in ((a, b), (c, d)))
             quads += [[a, m, o, d], [m, b, c, o]]
     return _placed(polygon, pieces, np.array(quads, np.int64), list(middle), np.array(centres).reshape(-1, 2))
