@@ -192,6 +192,26 @@ class DistortionDescent:
     ) -> tuple[FloatArray, list[float], str]: ...
     def energy(self, u: FloatArray) -> float: ...
 
+# layout
+
+class LayoutError(ValueError): ...
+
+def layout_t_mesh(
+    points: FloatArray,
+    triangles: IntArray,
+    uv: FloatArray,
+    rotation: IntArray,
+    index: IntArray,
+    next: IntArray,
+    loops: IntArray,
+    corner: NDArray[np.bool_],
+) -> tuple[
+    tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray],
+    list[tuple[list[int], int, list[float], FloatArray, FloatArray]],
+    list[list[IntArray]],
+    tuple[IntArray, IntArray],
+]: ...
+
 # optimizer
 
 class SplineOptimizer:

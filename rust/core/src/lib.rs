@@ -12,10 +12,12 @@
 //! | [`registration`] | matching of sequences, inner distances, thin plates           | `numeric`                        |
 //! | [`fitting`]      | orthogonal distance fit of boundary sides                     | `numeric`, `spline`, `outline`   |
 //! | [`mesh`]         | triangulation, maps of triangle meshes                        | `numeric`, `distortion`          |
+//! | [`layout`]       | layouts of a domain from its outline alone                    |                                  |
 //! | [`optimizer`]    | projected Newton on the control points of a multi-patch       | `numeric`, `spline`, `distortion`|
 
 pub mod distortion;
 pub mod fitting;
+pub mod layout;
 pub mod mesh;
 pub mod numeric;
 pub mod optimizer;

@@ -4,6 +4,7 @@ use pyo3::prelude::*;
 
 mod convert;
 mod fitting;
+mod layout;
 mod mesh;
 mod numeric;
 mod optimizer;
@@ -24,6 +25,7 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     registration::register(m)?;
     fitting::register(m)?;
     mesh::register(m)?;
+    layout::register(m)?;
     optimizer::register(m)?;
     Ok(())
 }

@@ -46,12 +46,12 @@ fn index(value: i64) -> PyResult<usize> {
 }
 
 /// Indices handed over as signed integers.
-fn indices(array: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<usize>> {
+pub fn indices(array: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<usize>> {
     array.as_array().iter().map(|&i| index(i)).collect()
 }
 
 /// Rows of an (m, 3) index array.
-fn triangles3(array: &PyReadonlyArray2<'_, i64>) -> PyResult<Vec<[usize; 3]>> {
+pub fn triangles3(array: &PyReadonlyArray2<'_, i64>) -> PyResult<Vec<[usize; 3]>> {
     if array.shape()[1] != 3 {
         return Err(PyValueError::new_err(format!("expected triangles (m, 3), got {:?}", array.shape())));
     }
