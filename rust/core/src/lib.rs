@@ -22,6 +22,7 @@ mod insertion_order;
 mod kernel;
 mod lanes;
 pub mod laplacian;
+pub mod layout;
 pub mod local_global;
 pub mod matching;
 mod newton;
