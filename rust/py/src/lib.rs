@@ -8,6 +8,7 @@ mod convert;
 mod correspondence;
 mod dense;
 mod galerkin;
+mod layout;
 mod mesh;
 mod mesh_map;
 mod optimizer;
@@ -25,6 +26,7 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     outline::register(m)?;
     certificate::register(m)?;
     galerkin::register(m)?;
+    layout::register(m)?;
     mesh::register(m)?;
     mesh_map::register(m)?;
     quality::register(m)?;

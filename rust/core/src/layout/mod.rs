@@ -1,3 +1,10 @@
 //! Quadrilateral layouts of a domain from its outline alone: mesh, cross field, seamless map, T-mesh.
 
 pub mod adjacency;
+pub mod cross_field;
+mod cut;
+mod elimination;
+pub mod mesh;
+mod pattern;
+pub(crate) mod refinement;
+pub mod seamless_map;
