@@ -77,7 +77,8 @@ fn mesh_error(error: MeshError) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
-fn triangulation_error(error: CoreError) -> PyErr {
+/// An outline that cannot be triangulated, as a Python error.
+pub fn triangulation_error(error: CoreError) -> PyErr {
     let (kind, points): (&str, Vec<usize>) = match &error {
         CoreError::NotFinite { point } => ("not_finite", vec![*point]),
         CoreError::DuplicatePoints { a, b } => ("duplicate_points", vec![*a, *b]),

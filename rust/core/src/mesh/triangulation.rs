@@ -7,6 +7,7 @@
 use std::collections::VecDeque;
 
 use crate::mesh::insertion_order::insertion_order;
+use crate::mesh::refinement::{Limits, refine_unsplit};
 use spade::handles::FixedVertexHandle;
 use spade::{
     AngleLimit, ConstrainedDelaunayTriangulation, InsertionError, Point2, RefinementParameters, Triangulation,
@@ -108,7 +109,7 @@ pub struct Mesh {
     pub triangles: Vec<[usize; 3]>,
 }
 
-type Cdt = ConstrainedDelaunayTriangulation<Point2<f64>>;
+pub(crate) type Cdt = ConstrainedDelaunayTriangulation<Point2<f64>>;
 
 /// Triangulate the domain on the left of `loops`, which are closed polygons given as indices into `points`.
 ///
@@ -119,8 +120,43 @@ pub fn triangulate(
     loops: &[Vec<usize>],
     refinement: Option<Refinement>,
 ) -> Result<Mesh, TriangulationError> {
+    let (mut net, mut interior, scale) = constrained(points, loops, &[])?;
+    if let Some(limits) = refinement {
+        refine(&mut net.cdt, limits, scale)?;
+        interior = net.interior();
+    }
+    Ok(extract(&net.cdt, interior.triangles, points, scale))
+}
+
+/// The same with further edges in the domain's inside, `walls`; no edge of a loop and no wall is split.
+///
+/// Triangles that could only be improved by splitting such an edge stay as they are, and so do those of less than 10⁻¹³ of
+/// the bounding box. The smallest angle must be 30 degrees at most.
+pub fn triangulate_unsplit(
+    points: &[[f64; 2]],
+    loops: &[Vec<usize>],
+    walls: &[[usize; 2]],
+    limits: Refinement,
+) -> Result<Mesh, TriangulationError> {
+    let (mut net, interior, scale) = constrained(points, loops, walls)?;
+    let limits = Limits {
+        ratio: 0.5 / limits.min_angle.to_radians().sin(),
+        area: limits.max_area.map_or(f64::INFINITY, |area| area * scale * scale),
+        noise: NOISE * box_area(&net.cdt),
+    };
+    refine_unsplit(&mut net.cdt, &interior.faces, &limits);
+    Ok(extract(&net.cdt, net.interior().triangles, points, scale))
+}
+
+/// The triangulation without refinement, what is inside, and what its coordinates were multiplied by.
+fn constrained(
+    points: &[[f64; 2]],
+    loops: &[Vec<usize>],
+    walls: &[[usize; 2]],
+) -> Result<(Net, Interior, f64), TriangulationError> {
     check_points(points)?;
-    let edges = check_loops(points.len(), loops)?;
+    let mut edges = check_loops(points.len(), loops)?;
+    edges.extend(walls);
     // A power of two, so that scaling is exact and the exact predicates judge the caller's own coordinates.
     let largest = points.iter().flatten().fold(0.0_f64, |m, x| m.max(x.abs()));
     let scale =
@@ -132,14 +168,10 @@ pub fn triangulate(
     let mut net = Net::delaunay(&scaled, insertion_order(points))?;
     net.constrain(&edges)?;
     net.check_constraints(&edges, points)?;
-    let mut interior = net.interior();
+    let interior = net.interior();
     net.check_nesting(loops, &interior.faces)?;
     check_usage(&interior.triangles, points.len())?;
-    if let Some(limits) = refinement {
-        refine(&mut net.cdt, limits, scale)?;
-        interior = net.interior();
-    }
-    Ok(extract(&net.cdt, interior.triangles, points, scale))
+    Ok((net, interior, scale))
 }
 
 /// A triangulation whose vertices come in the order of their insertion.
@@ -345,7 +377,10 @@ fn check_usage(triangles: &[[usize; 3]], n: usize) -> Result<(), TriangulationEr
     }
 }
 
-fn refine(cdt: &mut Cdt, limits: Refinement, scale: f64) -> Result<(), TriangulationError> {
+/// Circumcentres of slivers at rounding level, in parts of the bounding box, are noise.
+const NOISE: f64 = 1e-13;
+
+fn box_area(cdt: &Cdt) -> f64 {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for vertex in cdt.vertices() {
         let p = [vertex.position().x, vertex.position().y];
@@ -354,13 +389,16 @@ fn refine(cdt: &mut Cdt, limits: Refinement, scale: f64) -> Result<(), Triangula
             high[c] = high[c].max(p[c]);
         }
     }
-    let area = (high[0] - low[0]) * (high[1] - low[1]);
+    (high[0] - low[0]) * (high[1] - low[1])
+}
+
+fn refine(cdt: &mut Cdt, limits: Refinement, scale: f64) -> Result<(), TriangulationError> {
+    let area = box_area(cdt);
     let mut limit = 1000 + 20 * cdt.num_vertices();
     let mut parameters = RefinementParameters::new()
         .exclude_outer_faces(true)
         .with_angle_limit(AngleLimit::from_deg(limits.min_angle))
-        // Circumcentres of slivers at rounding level are noise.
-        .with_min_required_area(1e-13 * area);
+        .with_min_required_area(NOISE * area);
     if let Some(max_area) = limits.max_area {
         let scaled = max_area * scale * scale;
         limit += (8.0 * area / scaled).min(1e8) as usize;
