@@ -26,6 +26,8 @@ STEPS = 200
 TURN = np.radians(8.0)
 #: Fewest steps on a piece: the fans of triangles at its two corners must not touch.
 PIECE_STEPS = 4
+#: Kinks of less than a corner get nodes this many halvings of a step near them: far enough not to make tiny triangles.
+HALVINGS = 4
 #: Interior angles are kept this far (radians) from 0 and 360°, where there is no room for a spoke.
 CUSP = 1e-3
 
@@ -118,7 +120,9 @@ def _sample_loop(outline: Outline, step: float, reverse: bool) -> tuple[FloatArr
     corners, turns = outline.corners
     breaks = corners if len(corners) else np.zeros(1)
     ends = np.append(breaks[1:], breaks[0] + outline.length)
-    pieces = [_sample_piece(outline, a, b, step) for a, b in zip(breaks, ends, strict=True)]
+    # A piece's end is a corner by its own arc length only: the sum with the length is rounded, perhaps beyond it.
+    arrivals = outline.tangent(np.roll(breaks, -1), from_left=True)
+    pieces = [_sample_piece(outline, a, b, step, t) for a, b, t in zip(breaks, ends, arrivals, strict=True)]
     s = np.mod(np.concatenate(pieces), outline.length)
     angle = np.full(len(s), np.nan)
     if len(corners):
@@ -128,25 +132,23 @@ def _sample_loop(outline: Outline, step: float, reverse: bool) -> tuple[FloatArr
     return (s[::-1].copy(), angle[::-1].copy()) if reverse else (s, angle)
 
 
-def _sample_piece(outline: Outline, a: float, b: float, step: float) -> FloatArray:
-    """Nodes of the piece from arc length a to b, without its end."""
+def _sample_piece(outline: Outline, a: float, b: float, step: float, arrival: FloatArray) -> FloatArray:
+    """Nodes of the piece from arc length a to b, where it arrives with a given tangent; without its end."""
+
+    def turns() -> FloatArray:
+        tangents = outline.tangent(table)
+        tangents[-1] = arrival
+        before, after = tangents[:-1], tangents[1:]
+        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        return abs(np.arctan2(cross, (before * after).sum(axis=1)))
+
     table = np.linspace(a, b, max(64, int(8 * (b - a) / step)) + 1)
-    # Roundings far smaller than a step are resolved by halving; a kink between curves never is.
-    for _ in range(16):
-        turn = _turns(outline, table)
-        sharp = turn > TURN
+    # Roundings far smaller than a step are resolved by halving; a kink between two curves never is.
+    for _ in range(HALVINGS):
+        sharp = turns() > TURN
         if not sharp.any():
             break
         table = np.sort(np.concatenate([table, (table[:-1] + table[1:])[sharp] / 2]))
-    density = np.concatenate([[0], np.cumsum(np.diff(table) / step + _turns(outline, table) / TURN)])
+    density = np.concatenate([[0], np.cumsum(np.diff(table) / step + turns() / TURN)])
     steps = max(PIECE_STEPS, int(np.ceil(density[-1] - 1e-9)))
     return np.interp(np.linspace(0, density[-1], steps + 1), density, table)[:-1]
-
-
-def _turns(outline: Outline, table: FloatArray) -> FloatArray:
-    """Turn of the tangent within every interval of a table of arc lengths, without the corners at its ends."""
-    tangents = outline.tangent(table)
-    tangents[-1] = outline.tangent(table[-1:], from_left=True)[0]
-    before, after = tangents[:-1], tangents[1:]
-    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    return abs(np.arctan2(cross, (before * after).sum(axis=1)))

@@ -225,3 +225,56 @@ fn classes(adjacency: &Adjacency, triangles: &[[usize; 3]], seam: &[[bool; 3]]) 
     }
     (class, count)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::cross_field::{cross_field, jumps};
+    use super::super::test_domains::{annulus, disk, square, twisted};
+    use super::*;
+
+    #[test]
+    fn a_cut_mesh_is_one_disk() {
+        for (domain, pieces) in [(square(), 0), (annulus(), 1), (disk(), 4), (twisted(0.3), 1)] {
+            let mesh = domain.mesh(0.01);
+            let field = cross_field(&mesh, &domain.corners, &[]).unwrap();
+            let cut = Cut::new(&mesh.adjacency, &mesh.triangles, &jumps(&mesh, &field.theta), &field.index)
+                .unwrap();
+            let seams = cut.seam.as_flattened().iter().filter(|s| **s).count();
+            assert_eq!(seams, 2 * cut.pieces.iter().map(|p| p.edges.len()).sum::<usize>());
+            let edges = mesh.adjacency.edges.len() + seams / 2;
+            assert_eq!(cut.classes as i64 - edges as i64 + mesh.triangles.len() as i64, 1);
+            assert!(cut.pieces.len() >= pieces);
+            // Crosses agree but across the cut.
+            let turned: Vec<f64> = field
+                .theta
+                .iter()
+                .zip(&cut.turns)
+                .map(|(t, &q)| t + q as f64 * std::f64::consts::FRAC_PI_2)
+                .collect();
+            for (face, neighbours) in mesh.adjacency.neighbours.iter().enumerate() {
+                for (index, other) in neighbours.iter().enumerate() {
+                    if let Some(other) = other {
+                        let off = turned[other.face] - turned[face];
+                        assert!(cut.seam[face][index] || off.abs() < std::f64::consts::FRAC_PI_4 + 1e-9);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn pieces_run_on_from_edge_to_edge() {
+        let domain = disk();
+        let mesh = domain.mesh(0.01);
+        let field = cross_field(&mesh, &domain.corners, &[]).unwrap();
+        let cut =
+            Cut::new(&mesh.adjacency, &mesh.triangles, &jumps(&mesh, &field.theta), &field.index).unwrap();
+        for piece in &cut.pieces {
+            for pair in piece.edges.windows(2) {
+                let (end, start) = (pair[0].0, pair[1].0);
+                let at = |p: Place, k: usize| mesh.triangles[p.face][(p.index + k) % 3];
+                assert_eq!(at(end, 2), at(start, 1));
+            }
+        }
+    }
+}

@@ -9,8 +9,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use thiserror::Error;
 
 use super::adjacency::{Adjacency, AdjacencyError, Place};
-use crate::laplacian::{FaceGeometry, MeshError};
-use crate::triangulation::{Refinement, TriangulationError, triangulate_unsplit};
+use crate::mesh::laplacian::{FaceGeometry, MeshError};
+use crate::mesh::triangulation::{Refinement, TriangulationError, triangulate_unsplit};
 
 /// Why a domain has no mesh.
 #[derive(Debug, Error, Clone, PartialEq)]
@@ -88,8 +88,12 @@ impl LayoutMesh {
         let (ends, spokes) = spokes(points, loops, corners)?;
         let all = [points, &ends].concat();
         let limits = Refinement { min_angle: MIN_ANGLE, max_area: Some(max_area) };
-        let mesh = triangulate_unsplit(&all, loops, &spokes, limits)?;
-        let mesh = Self::new(mesh.points, mesh.triangles)?;
+        let frame = Frame::new(points, loops);
+        let moved = perturbed(all.iter().map(|&p| frame.local(p)).collect(), loops);
+        let limits = Refinement { max_area: Some(max_area / (frame.length * frame.length)), ..limits };
+        let mesh = triangulate_unsplit(&moved, loops, &spokes, limits)?;
+        let inner = mesh.points[all.len()..].iter().map(|&p| frame.global(p));
+        let mesh = Self::new(all.iter().copied().chain(inner).collect(), mesh.triangles)?;
         let (found, expected) = (mesh.adjacency.euler(), 2 - loops.len() as i64);
         if found != expected {
             return Err(LayoutMeshError::Euler { found, expected, holes: loops.len().saturating_sub(1) });
@@ -116,6 +120,67 @@ impl LayoutMesh {
         let (after, before) =
             (self.side(after(place)), self.side(Place { index: (place.index + 1) % 3, ..place }));
         turn(after, [-before[0], -before[1]])
+    }
+}
+
+/// Distance that decides between diagonals of a quad in a circle, in parts of the outline's shortest edge.
+///
+/// Domains with an axis of symmetry are full of such quads. Rounding would decide otherwise, and otherwise again where the
+/// domain lies in another direction.
+const DECISION: f64 = 1e-7;
+
+/// Points moved by less than matters, in a way that depends on their numbers only.
+fn perturbed(points: Vec<[f64; 2]>, loops: &[Vec<usize>]) -> Vec<[f64; 2]> {
+    let step = loops
+        .iter()
+        .flat_map(|l| l.iter().zip(l.iter().cycle().skip(1)))
+        .filter_map(|(&a, &b)| Some((points.get(a)?, points.get(b)?)))
+        .map(|(a, b)| length([b[0] - a[0], b[1] - a[1]]))
+        .fold(f64::INFINITY, f64::min);
+    if !step.is_finite() {
+        return points;
+    }
+    // Multiples of the golden ratio's fraction, evenly spread over 0 to 1.
+    let spread = |k: usize| (k as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) as f64 / u64::MAX as f64;
+    let shift = |k: usize| DECISION * step * (spread(k) - 0.5);
+    points.iter().enumerate().map(|(i, p)| [p[0] + shift(2 * i + 1), p[1] + shift(2 * i + 2)]).collect()
+}
+
+/// Coordinates along the first edge of the outline, which it is about as large as 1 in: a domain gets the same mesh
+/// wherever it lies and however large it is, but for rounding.
+struct Frame {
+    origin: [f64; 2],
+    axis: [f64; 2],
+    length: f64,
+}
+
+impl Frame {
+    fn new(points: &[[f64; 2]], loops: &[Vec<usize>]) -> Self {
+        let (origin, next) = match loops.first().map(|l| &l[..]) {
+            Some([a, b, ..]) => (points[*a], points[*b]),
+            _ => ([0.0; 2], [1.0, 0.0]),
+        };
+        let from = |p: [f64; 2]| [p[0] - origin[0], p[1] - origin[1]];
+        let size = points.iter().map(|&p| length(from(p))).fold(0.0, f64::max);
+        let axis = from(next);
+        let step = length(axis);
+        if !(step > 0.0 && size.is_finite()) {
+            // The triangulation says what is wrong.
+            return Self { origin: [0.0; 2], axis: [1.0, 0.0], length: 1.0 };
+        }
+        Self { origin, axis: axis.map(|x| x / step), length: size }
+    }
+
+    fn local(&self, p: [f64; 2]) -> [f64; 2] {
+        let [x, y] = [p[0] - self.origin[0], p[1] - self.origin[1]];
+        let [c, s] = self.axis;
+        [(c * x + s * y) / self.length, (c * y - s * x) / self.length]
+    }
+
+    fn global(&self, p: [f64; 2]) -> [f64; 2] {
+        let [x, y] = p.map(|x| x * self.length);
+        let [c, s] = self.axis;
+        [self.origin[0] + c * x - s * y, self.origin[1] + s * x + c * y]
     }
 }
 
@@ -195,3 +260,7 @@ fn clearance(points: &[[f64; 2]], neighbours: &[Option<[usize; 2]>], vertex: usi
     }
     nearest
 }
+
+#[cfg(test)]
+#[path = "mesh_tests.rs"]
+mod tests;

@@ -12,5 +12,6 @@ mod cut;
 mod elimination;
 pub mod mesh;
 mod pattern;
-pub(crate) mod refinement;
 pub mod seamless_map;
+#[cfg(test)]
+mod test_domains;

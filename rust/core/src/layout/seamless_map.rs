@@ -20,7 +20,7 @@ use super::cut::{Cut, Piece};
 use super::elimination::Elimination;
 use super::mesh::LayoutMesh;
 use super::pattern::Pattern;
-use crate::sparse::{Cholesky, SparseError};
+use crate::numeric::sparse::{Cholesky, SparseError};
 
 /// Why there is no seamless map.
 #[derive(Debug, Error, Clone, PartialEq)]
@@ -126,7 +126,7 @@ fn log_scale(mesh: &LayoutMesh, index: &[i64]) -> Result<Vec<f64>, SparseError> 
     curvature.iter_mut().for_each(|c| *c -= mean);
     // φ is determined up to a constant: 0 at the first vertex.
     let matrix = mesh.geometry.stiffness(&mesh.triangles, n - 1, |v| v.checked_sub(1));
-    let upper = crate::sparse::upper_triangle(&matrix);
+    let upper = crate::numeric::sparse::upper_triangle(&matrix);
     let mut factor = Cholesky::analyse(upper.col_offsets(), upper.row_indices(), None)?;
     factor.factorize(upper.values())?;
     let mut phi = curvature;

@@ -144,7 +144,8 @@ pub fn triangulate_unsplit(
         area: limits.max_area.map_or(f64::INFINITY, |area| area * scale * scale),
         noise: NOISE * box_area(&net.cdt),
     };
-    refine_unsplit(&mut net.cdt, &interior.faces, &limits);
+    let number = |v: FixedVertexHandle| net.points.get(v.index()).copied().unwrap_or(v.index());
+    refine_unsplit(&mut net.cdt, &interior.faces, number, &limits);
     Ok(extract(&net.cdt, net.interior().triangles, points, scale))
 }
 
