@@ -1,4 +1,4 @@
-"""Command line: ``patchtransfer transfer | build | refine | check | plot | poisson | morph | batch | examples``.
+"""Command line: ``patchtransfer parameterize | transfer | build | refine | check | plot | poisson | morph | batch | examples``.
 
 Exit status: 0 a certified result (or model), 1 not certified, 2 bad input or an infeasible target. Nothing is
 written with status 2, nor with 1 unless ``--keep-uncertified``.
@@ -16,6 +16,7 @@ from .build import build
 from .examples import examples
 from .inspect import check, plot, refine
 from .morph import morph
+from .parameterize import parameterize
 from .poisson import poisson
 from .support import Commands
 from .transfer import transfer
@@ -29,5 +30,5 @@ def main() -> None:
     """Transfer multi-patch B-spline parameterizations to new boundaries, with a proof of injectivity."""
 
 
-for command in (poisson, transfer, build, refine, check, plot, examples, batch, morph):
+for command in (parameterize, transfer, build, refine, check, plot, examples, batch, morph, poisson):
     main.add_command(command)

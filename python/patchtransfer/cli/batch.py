@@ -34,7 +34,7 @@ __all__ = ["batch"]
 @click.argument("source", type=click.Path())
 @click.argument("targets", type=click.Path(), nargs=-1, required=True)
 @click.option("-o", "--output", required=True, metavar="DIR", help="Folder for all files; made if it does not exist.")
-@continuity_option
+@continuity_option("c1")
 @transfer_options
 @click.option(
     "--workers", type=click.IntRange(1, 256), metavar="N", help="Processes (default: one a core, at most one a target)."

@@ -273,9 +273,16 @@ def set_threads(threads: int | None) -> None:
 
 
 json_option = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
-continuity_option = click.option(
-    "--continuity", type=click.Choice(["c0", "c1", "g1"]), default="c1", show_default=True, help="Across patches."
-)
+
+def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option for continuity across patches."""
+    return click.option(
+        "--continuity",
+        type=click.Choice(["c0", "c1", "g1"]),
+        default=default,
+        show_default=True,
+        help="Across patches.",
+    )
 
 
 def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -373,6 +380,8 @@ def summary(content: dict[str, Any], output: str | None) -> None:
             f"{topology['patches']} patches, {topology['interfaces']} interfaces, "
             f"{topology['boundary_loops']} boundary loops, valences of extraordinary vertices: {valences or 'none'}",
         )
+    if "patches" in content:
+        table.add_row("patches", str(content["patches"]))
     if "boundary_error" in content:
         table.add_row("boundary error", f"{content['boundary_error']:.2e} of the diameter")
         times = content["timings"]

@@ -37,7 +37,7 @@ __all__ = ["transfer"]
 @click.argument("target", type=click.Path())
 @click.option("-o", "--output", required=True, metavar="OUT.xml", help="Transferred multi-patch (G+Smo XML).")
 @click.option("--landmarks", metavar="L.csv", help="Corresponding boundary points, columns xs,ys,xt,yt.")
-@continuity_option
+@continuity_option("c1")
 @transfer_options
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
 @click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")

@@ -1,0 +1,66 @@
+"""Layouts judged by what comes of them: the certified patches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...pipeline.result import TransferResult
+from .assembly import AbstractLayout
+
+__all__ = ["Candidate", "score"]
+
+#: Mean scaled Jacobian that a patch more has to bring.
+PATCH = {"few": 3e-3, "quality": 1e-3}
+#: Weight of the minimum, as a part of what the outline's corners allow, beside the mean.
+MINIMUM = 0.3
+#: Weight of a boundary error beyond the tolerance, in parts of the diameter: a miss of one per cent is a bad patch.
+MISS = 20.0
+#: A corner where a patch degenerates although the outline is smooth there is worse than any angle.
+DEGENERATE = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A layout that was tried.
+
+    Attributes
+    ----------
+    layout : AbstractLayout
+    origin : str
+        How it came about.
+    result : TransferResult or None
+        Its patches.
+    score : float
+        To compare; the larger the better.
+    reason : str or None
+        Why it cannot be taken.
+    """
+
+    layout: AbstractLayout
+    origin: str
+    result: TransferResult | None
+    score: float
+    reason: str | None = None
+
+    def to_dict(self) -> dict[str, object]:
+        """For the report."""
+        quality = None if self.result is None else self.result.quality.scaled_jacobian
+        return {
+            "patches": len(self.layout.quads),
+            "origin": self.origin,
+            "status": None if self.result is None else self.result.certificate.status,
+            "scaled_jacobian": None if quality is None else {"min": quality.min, "mean": quality.mean},
+            "corner_bound": None if self.result is None else self.result.corner_bound,
+            "boundary_error": None if self.result is None else self.result.boundary_error,
+            "score": self.score if self.reason is None else None,
+            "reason": self.reason,
+        }
+
+
+def score(result: TransferResult, prefer: str, fit_tolerance: float) -> float:
+    """How good a certified result is: mean and minimum scaled Jacobian, few patches, a boundary that is met."""
+    quality, patches = result.quality.scaled_jacobian, len(result.multipatch.patches)
+    minimum = min(1.0, quality.min / result.corner_bound) if result.corner_bound > 0 else 0.0
+    miss = max(0.0, result.boundary_error - fit_tolerance)
+    degenerate = DEGENERATE if result.certificate.status != "certified" else 0.0
+    return float(quality.mean + MINIMUM * minimum - PATCH[prefer] * patches - MISS * miss - degenerate)

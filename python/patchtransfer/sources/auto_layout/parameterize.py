@@ -1,0 +1,343 @@
+"""A parameterization from nothing but an outline: layouts proposed, filled, slid and judged, the best one kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import InfeasibleTargetError, InputError
+from ...geometry.boundary import Boundary
+from ...geometry.multipatch import MultiPatch
+from ...geometry.outline import Outline, hausdorff
+from ...interior.solver import CONTINUITY
+from ...measure.continuity import check_continuity
+from ...measure.quality import quality
+from ...pipeline.plan import TransferPlan
+from ...pipeline.result import NotCertifiedError, TransferResult
+from ...proof.certificate import certify
+from ...proof.feasibility import check_loops
+from ..layout import rectangles
+from ..quad_layout import QuadLayout
+from .convex import convex_layout
+from .geometry import assignment, filled, misses, slid
+from .judging import Candidate, score
+from .portfolio import Portfolio, Proposal
+from .reasons import NoLayoutError
+from .result import Parameterization
+from .symmetry import Isometry, layout_symmetry, outline_symmetries, symmetrised
+
+__all__ = ["parameterize"]
+
+#: Layouts that are filled at most; few outlines have more.
+MOST_FILLED = 16
+#: The best of them whose joints slide: sliding takes ten times as long as filling, and seldom turns the order.
+SLID = 3
+#: Times that a layout gets edges where its sides miss the outline.
+REPAIRS = 3
+#: Told (stage, number of what is done there).
+Tell = Callable[[str, int], None]
+
+
+@dataclass(frozen=True)
+class _Wishes:
+    """What the user asked for."""
+
+    degree: int
+    spans: int
+    max_patches: int | None
+    prefer: str
+    symmetric: str
+    corner_patches: Mapping[tuple[int, int], int] | None
+    continuity: str
+    fit_tolerance: float
+    deadline: float
+
+    def late(self) -> bool:
+        return time.monotonic() >= self.deadline
+
+
+def parameterize(
+    boundary: Boundary,
+    *,
+    degree: int = 3,
+    spans: int = 3,
+    max_patches: int | None = None,
+    prefer: str = "few",
+    symmetric: str = "auto",
+    corner_patches: Mapping[tuple[int, int], int] | None = None,
+    continuity: str = "c0",
+    fit_tolerance: float = 1e-3,
+    time_limit: float | None = None,
+    on_failure: str = "raise",
+    progress: Tell | None = None,
+) -> Parameterization:
+    """Parameterize the inside of an outline: layout, patches and certificate.
+
+    A cross field that follows the outline is integrated to a seamless map; the rectangles between its lines are merged
+    to as few quads as pay (an integer program); every layout found is filled with patches, certified and judged.
+
+    Parameters
+    ----------
+    boundary : Boundary
+        One outer loop and any holes, in any order, sense and segmentation.
+    degree : int, default 3
+    spans : int, default 3
+        Knot spans of every patch and direction.
+    max_patches : int, optional
+        Most patches.
+    prefer : {"few", "quality"}, default "few"
+        What counts more where one costs the other.
+    symmetric : {"auto", "never"}, default "auto"
+        "auto" gives outlines that are their own mirror or turned images patches that are, exactly, where the layout is.
+    corner_patches : mapping of (loop, corner) to int, optional
+        How many patches meet at a corner; corners of a loop are counted in its own order.
+    continuity : {"c0", "c1", "g1"}, default "c0"
+        Across patches, as of `transfer`.
+    fit_tolerance : float, default 1e-3
+        Boundary error, relative to the diameter.
+    time_limit : float, optional
+        Seconds after which no further layout is tried.
+    on_failure : {"raise", "return"}, default "raise"
+        Without a certified map: raise `NotCertifiedError`, or return the best one.
+    progress : callable, optional
+        Called as ``progress(stage, number)``.
+
+    Returns
+    -------
+    Parameterization
+        A `TransferResult` with ``.layout`` and ``.candidates``.
+
+    Raises
+    ------
+    InputError
+        On options that cannot be.
+    InfeasibleTargetError
+        On an outline that crosses or touches itself, with the place.
+    NotCertifiedError
+        See `on_failure`; the message has the reasons of all candidates.
+
+    Examples
+    --------
+    >>> from patchtransfer import Boundary, BSplineCurve
+    >>> corners = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
+    >>> sides = [BSplineCurve([0, 0, 1, 1], 1, [a, b]) for a, b in zip(corners, corners[1:] + corners[:1])]
+    >>> result = parameterize(Boundary([sides]))
+    >>> len(result.multipatch.patches), result.certificate.status, round(result.quality.scaled_jacobian.min, 3)
+    (3, 'certified', 1.0)
+    """
+    wishes = _Wishes(
+        degree,
+        spans,
+        max_patches,
+        prefer,
+        symmetric,
+        corner_patches,
+        continuity,
+        fit_tolerance,
+        np.inf if time_limit is None else time.monotonic() + time_limit,
+    )
+    _check(boundary, wishes, time_limit, on_failure)
+    log: list[str] = []
+    tell = progress or (lambda stage, number: None)
+    outlines = [Outline(loop) for loop in boundary.loops]
+    candidates = _filled(boundary, outlines, wishes, log, tell)
+    candidates = _slid(candidates, boundary, outlines, wishes, tell)
+    if not any(_certified(candidate) for candidate in candidates):
+        tell("convex pieces", 0)
+        candidates = _sorted([*candidates, _last_resort(boundary, outlines, wishes, log)])
+    best = candidates[0]
+    if best.result is None:
+        raise NotCertifiedError(f"no parameterization was found: {'; '.join(c.reason or '' for c in candidates[:4])}")
+    tell("finish", 0)
+    result = _finished(best, boundary, outlines, wishes, log)
+    corners = np.array([result.multipatch.patches[k].control_points[i, j] for k, i, j in _vertex_patches(best)])
+    layout = QuadLayout.abstract(best.layout.quads, corners, assignment(best.layout, outlines))
+    found = Parameterization.of(result, layout, candidates, log)
+    if on_failure == "raise" and not found.certificate.injective:
+        raise NotCertifiedError(f"no certified map was found ({found.certificate.status}): {found.certificate}", found)
+    return found
+
+
+def _check(boundary: Boundary, wishes: _Wishes, time_limit: float | None, on_failure: str) -> None:
+    if not isinstance(boundary, Boundary):
+        raise InputError(f"boundary must be a Boundary (see read_boundary), got {type(boundary).__name__}")
+    choices = {
+        "prefer": (wishes.prefer, ("few", "quality")),
+        "symmetric": (wishes.symmetric, ("auto", "never")),
+        "continuity": (wishes.continuity, CONTINUITY),
+        "on_failure": (on_failure, ("raise", "return")),
+    }
+    for name, (value, allowed) in choices.items():
+        if value not in allowed:
+            raise InputError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
+    if not 0 < wishes.fit_tolerance < 1:
+        raise InputError(f"fit_tolerance must lie between 0 and 1, got {wishes.fit_tolerance!r}")
+    if time_limit is not None and not time_limit > 0:
+        raise InputError(f"time_limit must be a positive number of seconds, or None, got {time_limit!r}")
+    if wishes.max_patches is not None and wishes.max_patches < 1:
+        raise InputError(f"max_patches must be at least 1, got {wishes.max_patches}")
+    if wishes.degree < 1 or wishes.spans < 1:
+        raise InputError(f"degree and spans must be at least 1, got {wishes.degree} and {wishes.spans}")
+    if wishes.continuity == "g1" and (wishes.degree < 3 or wishes.spans < 2):
+        raise InputError('continuity="g1" needs degree 3 or more and two spans')
+    notes = check_loops(boundary.loops, "outline")
+    if notes:
+        raise InfeasibleTargetError(f"{notes[0]}; separate the curves there")
+
+
+def _filled(
+    boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes, log: list[str], tell: Tell
+) -> list[Candidate]:
+    """All layouts of the portfolio with their patches, the best first."""
+    candidates: list[Candidate] = []
+    tell("cross field", 0)
+    try:
+        portfolio = Portfolio(boundary, wishes.prefer, wishes.max_patches, wishes.corner_patches, log.append)
+        for proposal in portfolio:
+            candidates += _tried(proposal, portfolio, boundary, outlines, wishes)
+            tell("layouts", len(candidates))
+            if len(candidates) >= MOST_FILLED or wishes.late():
+                break
+    except NoLayoutError as error:
+        log.append(str(error))
+    return _sorted(candidates)
+
+
+def _tried(
+    proposal: Proposal, portfolio: Portfolio, boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes
+) -> list[Candidate]:
+    """A proposal filled, and again with more edges where its sides miss the outline."""
+    found = []
+    current: Proposal | None = proposal
+    for _ in range(REPAIRS + 1):
+        assert current is not None
+        candidate = _candidate(current.layout, current.origin, boundary, outlines, wishes)
+        found.append(candidate)
+        missed = [] if candidate.result is None else misses(candidate.result, wishes.fit_tolerance)
+        if not missed or wishes.late():
+            break
+        current = portfolio.with_more_edges(current, missed)
+        if current is None:
+            break
+    return found
+
+
+def _candidate(layout, origin: str, boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes) -> Candidate:  # type: ignore[no-untyped-def]
+    try:
+        result = filled(layout, boundary, outlines, wishes.degree, wishes.spans, wishes.fit_tolerance)
+    except NoLayoutError as error:
+        return Candidate(layout, origin, None, -np.inf, str(error))
+    return _judged(Candidate(layout, origin, result, 0.0), result, wishes)
+
+
+def _judged(candidate: Candidate, result: TransferResult, wishes: _Wishes) -> Candidate:
+    if not result.certificate.injective:
+        reason = str(result.certificate) if result.failure is None else result.failure.reason
+        return replace(candidate, result=result, score=-np.inf, reason=reason)
+    return replace(candidate, result=result, score=score(result, wishes.prefer, wishes.fit_tolerance), reason=None)
+
+
+def _slid(
+    candidates: Sequence[Candidate], boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes, tell: Tell
+) -> list[Candidate]:
+    """The best candidates with their joints slid, where that is better."""
+    out = []
+    for k, candidate in enumerate(candidates):
+        if k < SLID and candidate.result is not None and candidate.reason is None and not wishes.late():
+            tell("sliding", k)
+            moved = slid(candidate.result, candidate.layout, boundary, outlines, wishes.fit_tolerance)
+            candidate = max(candidate, _judged(candidate, moved, wishes), key=lambda c: c.score)
+        out.append(candidate)
+    return _sorted(out)
+
+
+def _sorted(candidates: Sequence[Candidate]) -> list[Candidate]:
+    return sorted(candidates, key=lambda candidate: -candidate.score)
+
+
+def _certified(candidate: Candidate) -> bool:
+    return candidate.result is not None and candidate.result.certificate.status == "certified"
+
+
+def _last_resort(boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes, log: list[str]) -> Candidate:
+    layout = convex_layout(outlines)
+    log.append("no layout of the cross field was certified: convex pieces, quads round their middles")
+    return _candidate(layout, "convex pieces", boundary, outlines, wishes)
+
+
+def _vertex_patches(best: Candidate) -> list[tuple[int, int, int]]:
+    """For every vertex a patch and the indices of its corner."""
+    corners = ((0, 0), (-1, 0), (-1, -1), (0, -1))
+    found = {}
+    for k, quad in enumerate(best.layout.quads):
+        for v, (i, j) in zip(quad.tolist(), corners, strict=True):
+            found.setdefault(v, (k, i, j))
+    return [found[v] for v in sorted(found)]
+
+
+def _finished(
+    best: Candidate, boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes, log: list[str]
+) -> TransferResult:
+    """The best candidate, symmetric where the outline is, and joined as asked for."""
+    assert best.result is not None
+    result = best.result
+    if wishes.symmetric == "auto" and best.reason is None:
+        result = _symmetric(best, result, boundary, outlines, wishes, log)
+    if wishes.continuity != "c0" and result.certificate.injective:
+        source = result.multipatch
+        if wishes.continuity == "g1":
+            source = source.reduce_continuity(wishes.degree - 2)
+        plan = TransferPlan(source, wishes.continuity, reference=rectangles(source))
+        joints = np.concatenate([np.column_stack([a, a]) for a, _ in _joints(source)])
+        result = plan.transfer(boundary, joints, fit_tolerance=wishes.fit_tolerance, on_failure="return")
+    return result
+
+
+def _joints(source: MultiPatch):  # type: ignore[no-untyped-def]
+    return [(np.array([curve.start for curve in loop]), None) for loop in source.boundary().loops]
+
+
+def _symmetric(
+    best: Candidate,
+    result: TransferResult,
+    boundary: Boundary,
+    outlines: Sequence[Outline],
+    wishes: _Wishes,
+    log: list[str],
+) -> TransferResult:
+    """The result with control points that are the mean of their images, where that meets the outline."""
+    layout, diameter = best.layout, boundary.diameter
+    net = {v: result.multipatch.patches[k].control_points[i, j] for v, (k, i, j) in enumerate(_vertex_patches(best))}
+    places = np.array([net[int(v)] for v in layout.boundary_vertices])
+    group: list[tuple[Isometry, np.ndarray]] = []
+    found = outline_symmetries(outlines)
+    for isometry in found:
+        image = layout_symmetry(layout.quads, layout.boundary_vertices, places, isometry, diameter)
+        if image is not None:
+            group.append((isometry, image))
+    if not group:
+        if found:
+            log.append(f"the outline has {len(found)} symmetries; the layout has none of them")
+        return result
+    source = symmetrised(result.multipatch, layout.quads, group)
+    certificate = certify(source)
+    fitted = source.boundary()
+    error = max(
+        hausdorff(Outline(loop), loops.target) / diameter
+        for loop, loops in zip(fitted.loops, result.registration.loops, strict=True)
+    )
+    if certificate.status != result.certificate.status or error > max(wishes.fit_tolerance, result.boundary_error):
+        log.append(f"symmetric patches would miss the outline by {error:.1e}; left as they are")
+        return result
+    log.append(f"symmetric under {len(group)} of {len(found)} symmetries of the outline")
+    return replace(
+        result,
+        multipatch=source,
+        certificate=certificate,
+        quality=quality(source),
+        continuity=check_continuity(source),
+        boundary_error=error,
+    )
