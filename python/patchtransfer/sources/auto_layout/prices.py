@@ -53,9 +53,9 @@ class CollapsePrice:
             raise InputError(f"collapse prices need size > 0, shear >= 0 and 0 < steepest <= 90, got {self}")
 
 
-#: Coarse first; the coarsest ones align nothing that is not forced.
-FEW = (CollapsePrice(1 / 3, steepest=90.0), CollapsePrice(1 / 6), CollapsePrice(1 / 12))
-#: Everything that is apart stays apart, and where not, it is turned little.
+#: Coarse first. The coarsest allow steep collapses: few patches are often the better ones after sliding all the same.
+FEW = (CollapsePrice(1 / 3, steepest=90.0), CollapsePrice(1 / 6, steepest=90.0), CollapsePrice(1 / 12))
+#: What is apart stays apart rather, and where it does not, lines turn little.
 QUALITY = (
     CollapsePrice(1 / 6, 1.0),
     CollapsePrice(1 / 12, 2.0),

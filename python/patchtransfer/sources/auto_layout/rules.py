@@ -119,7 +119,8 @@ class Rules:
         terms: Counter[int] = Counter()
         for cut in cuts:
             terms.update(dict(cut.terms))
-        return [Cut(tuple((arc, count) for arc, count in sorted(terms.items()) if count), 1, why)]
+        together = tuple((arc, count) for arc, count in sorted(terms.items()) if count)
+        return [Cut(together, 1, why)] if together else cuts
 
     def _turning(self, gluing: Gluing, loop: int, ring: list[RingPoint]) -> list[Cut]:
         """Against loops of too few edges, and edges along which the boundary turns too far."""
