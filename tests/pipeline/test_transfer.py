@@ -325,8 +325,10 @@ def test_failures_carry_the_best_map(monkeypatch):
     plan = pt.TransferPlan(mp)
     real = solver.certify
 
-    def doubtful(multipatch):
-        return replace(real(multipatch), injective=False, status="undecided", reasons=("patch 0 is undecided",))
+    def doubtful(multipatch, **known):
+        return replace(
+            real(multipatch, **known), injective=False, status="undecided", reasons=("patch 0 is undecided",)
+        )
 
     monkeypatch.setattr(solver, "certify", doubtful)
     with pytest.raises(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from hypothesis import strategies as st
 
 import models
 import patchtransfer as pt
+from patchtransfer.pipeline import source_boundary
 from patchtransfer.proof.feasibility import check_corners, check_loops, corner_report
 from shapes import LINE, polygon
 
@@ -129,7 +129,7 @@ def test_a_crossing_is_told_before_landmarks_are_blamed(monkeypatch):
     backwards = np.array([[*starts[0], *hole[0]], [*starts[2], *hole[3]], [*starts[4], *hole[1]]])
     plan = pt.TransferPlan(mp, "c0")
     # And at once: no correspondence is looked for.
-    monkeypatch.setattr(sys.modules["patchtransfer.pipeline.plan"], "register", None)
+    monkeypatch.setattr(source_boundary, "register", None)
     for landmarks in (None, backwards):
         with pytest.raises(pt.InfeasibleTargetError, match=r"boundary loop 1 crosses itself at .*curve \d.*curve \d"):
             plan.transfer(target, landmarks)
