@@ -274,6 +274,7 @@ def set_threads(threads: int | None) -> None:
 
 json_option = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
 
+
 def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """The option for continuity across patches."""
     return click.option(

@@ -82,9 +82,7 @@ def compute_cross_field(mesh: LayoutMesh, isometries: Sequence[Isometry] = ()) -
         for g in isometries
     ]
     try:
-        theta, index = layout_field(
-            mesh.points, mesh.triangles, corners, mesh.corner_valence[corners], group
-        )
+        theta, index = layout_field(mesh.points, mesh.triangles, corners, mesh.corner_valence[corners], group)
     except LayoutError as error:
         raise NoLayoutError("cross field", str(error)) from error
     theta.flags.writeable = index.flags.writeable = False

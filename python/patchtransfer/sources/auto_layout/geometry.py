@@ -63,7 +63,11 @@ def filled(
 
 
 def slid(
-    result: TransferResult, layout: AbstractLayout, boundary: Boundary, outlines: Sequence[Outline], fit_tolerance: float
+    result: TransferResult,
+    layout: AbstractLayout,
+    boundary: Boundary,
+    outlines: Sequence[Outline],
+    fit_tolerance: float,
 ) -> TransferResult:
     """The patches with boundary vertices that are no corners moved to where the distortion is least.
 

@@ -98,7 +98,9 @@ class Portfolio:
             arcs = arcs_between(proposal.t_mesh, self.outline, loop, s0 % length, s1 % length)
             inside = (layout.boundary_loop == loop) & ((layout.boundary_s - s0) % length < (s1 - s0))
             demands[arcs] = max(demands.get(arcs, 0), int(inside.sum()) + 1)
-        return self._proposal(proposal.t_mesh, proposal.price, proposal.mode, demands, f"{proposal.origin}, edges added")
+        return self._proposal(
+            proposal.t_mesh, proposal.price, proposal.mode, demands, f"{proposal.origin}, edges added"
+        )
 
     def _t_meshes(self) -> Iterator[tuple[float, TMesh]]:
         tried: set[bytes] = set()

@@ -96,9 +96,7 @@ def sample_outline(boundary: Boundary, triangles: int = TRIANGLES) -> SampledOut
     length = sum(outline.length for outline in outlines)
     # Equilateral triangles of side h have the area √3/4 h².
     step = float(min(np.sqrt(4 / np.sqrt(3) * area / triangles), length / STEPS))
-    parts = [
-        _sample_loop(outline, step, bool((areas[k] > 0) != (k == outer))) for k, outline in enumerate(outlines)
-    ]
+    parts = [_sample_loop(outline, step, bool((areas[k] > 0) != (k == outer))) for k, outline in enumerate(outlines)]
     counts = [len(s) for s, _ in parts]
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     arrays = SampledOutline(

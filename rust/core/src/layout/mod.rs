@@ -3,15 +3,15 @@
 pub mod adjacency;
 pub mod charts;
 mod chord;
-pub mod graph;
-pub mod motorcycle;
-mod schedule;
-pub mod t_mesh;
 pub mod cross_field;
 mod cut;
 mod elimination;
+pub mod graph;
 pub mod mesh;
+pub mod motorcycle;
 mod pattern;
+mod schedule;
 pub mod seamless_map;
+pub mod t_mesh;
 #[cfg(test)]
 mod test_domains;
