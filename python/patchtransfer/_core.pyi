@@ -196,6 +196,20 @@ class DistortionDescent:
 
 class LayoutError(ValueError): ...
 
+def layout_mesh(
+    points: FloatArray, loops: Sequence[IntArray], vertices: IntArray, quads: IntArray, max_area: float
+) -> tuple[FloatArray, IntArray]: ...
+def layout_edges(vertices: int, triangles: IntArray) -> IntArray: ...
+def layout_field(
+    points: FloatArray,
+    triangles: IntArray,
+    vertices: IntArray,
+    quads: IntArray,
+    isometries: Sequence[tuple[IntArray, float, float, bool]],
+) -> tuple[FloatArray, IntArray]: ...
+def layout_map(
+    points: FloatArray, triangles: IntArray, theta: FloatArray, index: IntArray, rounds: int
+) -> tuple[FloatArray, IntArray, NDArray[np.bool_], int, float, int]: ...
 def layout_t_mesh(
     points: FloatArray,
     triangles: IntArray,

@@ -1,4 +1,4 @@
-"""Command line: ``patchtransfer parameterize | transfer | build | refine | check | plot | poisson | morph | batch | examples``.
+"""Command line: ``patchtransfer COMMAND``, a module a command.
 
 Exit status: 0 a certified result (or model), 1 not certified, 2 bad input or an infeasible target. Nothing is
 written with status 2, nor with 1 unless ``--keep-uncertified``.

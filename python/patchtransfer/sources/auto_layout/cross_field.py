@@ -1,10 +1,11 @@
 """The smoothest cross field along the outline, and its singularities.
 
-A cross of angle θ is the complex number u = exp(4iθ). Along the outline it is given, at corners it turns by what the wanted
-number of quads leaves over, and inside it is found by diffusion and normalisation in turns (Merriman, Bence, Osher 1992; for
-crosses Viertel and Osting 2019) with unknowns on the edges (Beaufort et al. 2017). The index of an inner vertex is the number of
-quarter turns of the cross around it, 4 less the valence of a layout there; k on the outline is the number of quads. They obey
-Σ_inner (4 - valence) + Σ_outline (2 - k) = 4 χ with Euler's number χ of the domain, and that is checked.
+A cross of angle θ is the complex number u = exp(4iθ). Along the outline it is given, at corners it turns by what the
+wanted number of quads leaves over, and inside it is found by diffusion and normalisation in turns (Merriman, Bence,
+Osher 1992; for crosses Viertel and Osting 2019) with unknowns on the edges (Beaufort et al. 2017). The index of an
+inner vertex is the number of quarter turns of the cross around it, 4 less the valence of a layout there; k on the
+outline is the number of quads. They obey Σ_inner (4 - valence) + Σ_outline (2 - k) = 4 χ with Euler's number χ of the
+domain, and that is checked.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ class CrossField:
     theta : (m,) array
         Angle of one arm in radians.
     index : (N,) array of int
-        At inner vertices 4 - valence: 0 where it is regular, 1 for valence 3, -1 for valence 5. On the outline the number of
-        quads: 2 where it is smooth.
+        At inner vertices 4 - valence: 0 where it is regular, 1 for valence 3, -1 for valence 5. On the outline the
+        number of quads: 2 where it is smooth.
     """
 
     theta: FloatArray

@@ -1,11 +1,12 @@
 """How many quads meet in every corner, and a triangulation that is fine enough there.
 
-A corner of interior angle α is filled by the number of quads k whose right angles come nearest to it; a parameterization of
-k equal parts has the scaled Jacobian sin(α / k) in the corner. Where two numbers are about as good, at 135°, 225° and 315°,
-an *offset* prefers the larger or the smaller one.
+A corner of interior angle α is filled by the number of quads k whose right angles come nearest to it; a
+parameterization of k equal parts has the scaled Jacobian sin(α / k) in the corner. Where two numbers are about as
+good, at 135°, 225° and 315°, an *offset* prefers the larger or the smaller one.
 
-The triangulation is a constrained Delaunay triangulation with refinement (Ruppert 1995) that keeps the outline's edges whole,
-so that its vertices keep their arc lengths. *Spokes* divide every corner into wedges, see `rust/core/src/layout/mesh.rs`.
+The triangulation is a constrained Delaunay triangulation with refinement (Ruppert 1995) that keeps the outline's
+edges whole, so that its vertices keep their arc lengths. *Spokes* divide every corner into wedges, see
+`rust/core/src/layout/mesh.rs`.
 """
 
 from __future__ import annotations
@@ -95,7 +96,8 @@ def corner_valences(
             raise InputError(f"corner_patches: there is no loop {loop}, only {len(corners)} of them, counted from 0")
         if not 0 <= rank < len(corners[loop]):
             raise InputError(
-                f"corner_patches: loop {loop} has {len(corners[loop])} corners, counted from 0; there is no corner {rank}"
+                f"corner_patches: loop {loop} has {len(corners[loop])} corners, counted from 0; there is no corner "
+                f"{rank}"
             )
         if quads != int(quads) or quads < 1:
             raise InputError(f"corner_patches: corner {rank} of loop {loop} needs at least one patch, got {quads}")

@@ -15,14 +15,16 @@ from ...geometry.outline import Outline, hausdorff
 from ...interior.solver import CONTINUITY
 from ...measure.continuity import check_continuity
 from ...measure.quality import quality
+from ...numeric.arrays import FloatArray, IntArray
 from ...pipeline.plan import TransferPlan
 from ...pipeline.result import NotCertifiedError, TransferResult
 from ...proof.certificate import certify
 from ...proof.feasibility import check_loops
 from ..layout import rectangles
 from ..quad_layout import QuadLayout
+from .assembly import AbstractLayout
 from .convex import convex_layout
-from .geometry import assignment, filled, misses, slid
+from .geometry import filled, misses, slid
 from .judging import Candidate, score
 from .portfolio import Portfolio, Proposal
 from .reasons import NoLayoutError
@@ -153,8 +155,9 @@ def parameterize(
         raise NotCertifiedError(f"no parameterization was found: {'; '.join(c.reason or '' for c in candidates[:4])}")
     tell("finish", 0)
     result = _finished(best, boundary, outlines, wishes, log)
-    corners = np.array([result.multipatch.patches[k].control_points[i, j] for k, i, j in _vertex_patches(best)])
-    layout = QuadLayout.abstract(best.layout.quads, corners, assignment(best.layout, outlines))
+    vertices = _vertices(best.layout, result.multipatch)
+    places = {int(v): tuple(vertices[v].tolist()) for v in best.layout.boundary_vertices}
+    layout = QuadLayout.abstract(best.layout.quads, vertices, places)
     found = Parameterization.of(result, layout, candidates, log)
     if on_failure == "raise" and not found.certificate.injective:
         raise NotCertifiedError(f"no certified map was found ({found.certificate.status}): {found.certificate}", found)
@@ -225,7 +228,9 @@ def _tried(
     return found
 
 
-def _candidate(layout, origin: str, boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes) -> Candidate:  # type: ignore[no-untyped-def]
+def _candidate(
+    layout: AbstractLayout, origin: str, boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes
+) -> Candidate:
     try:
         result = filled(layout, boundary, outlines, wishes.degree, wishes.spans, wishes.fit_tolerance)
     except NoLayoutError as error:
@@ -268,14 +273,13 @@ def _last_resort(boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishe
     return _candidate(layout, "convex pieces", boundary, outlines, wishes)
 
 
-def _vertex_patches(best: Candidate) -> list[tuple[int, int, int]]:
-    """For every vertex a patch and the indices of its corner."""
-    corners = ((0, 0), (-1, 0), (-1, -1), (0, -1))
-    found = {}
-    for k, quad in enumerate(best.layout.quads):
-        for v, (i, j) in zip(quad.tolist(), corners, strict=True):
-            found.setdefault(v, (k, i, j))
-    return [found[v] for v in sorted(found)]
+def _vertices(layout: AbstractLayout, multipatch: MultiPatch) -> FloatArray:
+    """Where the vertices of a layout have come to lie (n, 2)."""
+    places = np.empty((len(layout.valence), 2))
+    for quad, patch in zip(layout.quads, multipatch.patches, strict=True):
+        net = patch.control_points
+        places[quad] = net[0, 0], net[-1, 0], net[-1, -1], net[0, -1]
+    return places
 
 
 def _finished(
@@ -291,13 +295,10 @@ def _finished(
         if wishes.continuity == "g1":
             source = source.reduce_continuity(wishes.degree - 2)
         plan = TransferPlan(source, wishes.continuity, reference=rectangles(source))
-        joints = np.concatenate([np.column_stack([a, a]) for a, _ in _joints(source)])
-        result = plan.transfer(boundary, joints, fit_tolerance=wishes.fit_tolerance, on_failure="return")
+        joints = np.array([curve.start for loop in source.boundary().loops for curve in loop])
+        rows = np.column_stack([joints, joints])
+        result = plan.transfer(boundary, rows, fit_tolerance=wishes.fit_tolerance, on_failure="return")
     return result
-
-
-def _joints(source: MultiPatch):  # type: ignore[no-untyped-def]
-    return [(np.array([curve.start for curve in loop]), None) for loop in source.boundary().loops]
 
 
 def _symmetric(
@@ -310,9 +311,8 @@ def _symmetric(
 ) -> TransferResult:
     """The result with control points that are the mean of their images, where that meets the outline."""
     layout, diameter = best.layout, boundary.diameter
-    net = {v: result.multipatch.patches[k].control_points[i, j] for v, (k, i, j) in enumerate(_vertex_patches(best))}
-    places = np.array([net[int(v)] for v in layout.boundary_vertices])
-    group: list[tuple[Isometry, np.ndarray]] = []
+    places = _vertices(layout, result.multipatch)[layout.boundary_vertices]
+    group: list[tuple[Isometry, IntArray]] = []
     found = outline_symmetries(outlines)
     for isometry in found:
         image = layout_symmetry(layout.quads, layout.boundary_vertices, places, isometry, diameter)

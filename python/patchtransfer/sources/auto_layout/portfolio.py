@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +47,7 @@ class Proposal:
     t_mesh: TMesh
     price: CollapsePrice
     mode: str
-    at_least: Mapping[frozenset[int], int]
+    at_least: Mapping[Collection[int], int]
     origin: str
 
 
@@ -134,7 +134,7 @@ class Portfolio:
         t_mesh: TMesh,
         price: CollapsePrice,
         mode: str,
-        at_least: Mapping[frozenset[int], int],
+        at_least: Mapping[Collection[int], int],
         origin: str,
     ) -> Proposal | None:
         """A layout that was not proposed before; None without one."""

@@ -1,7 +1,7 @@
 """The outline as polygons, fine enough to carry a cross field.
 
-Nodes along a smooth piece between corners are spread evenly in ds / h + |dθ| / 8°: at most h apart, and the outline turns by
-at most 8° from one to the next. Corners are nodes.
+Nodes along a smooth piece between corners are spread evenly in ds / h + |dθ| / 8°: at most h apart, and the outline
+turns by at most 8° from one to the next. Corners are nodes.
 """
 
 from __future__ import annotations

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from t_meshes import rectangles, squares, t_mesh_of
 
 from patchtransfer import InputError
 from patchtransfer.sources.auto_layout.assembly import assemble
@@ -24,6 +23,7 @@ from patchtransfer.sources.auto_layout.prices import (
 from patchtransfer.sources.auto_layout.quantize import arcs_between, quantize
 from patchtransfer.sources.auto_layout.reasons import NoLayoutError
 from patchtransfer.sources.auto_layout.t_mesh import TMesh
+from t_meshes import rectangles, squares, t_mesh_of
 
 #: Collapses cost little: as few edges as the rules allow.
 COARSE = CollapsePrice(100.0, steepest=90.0)

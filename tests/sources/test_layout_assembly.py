@@ -7,11 +7,11 @@ import pickle
 
 import numpy as np
 import pytest
-from t_meshes import rectangles
 
 from patchtransfer.sources.auto_layout.assembly import AbstractLayout, assemble, check_layout
 from patchtransfer.sources.auto_layout.layout_key import layout_key
 from patchtransfer.sources.auto_layout.reasons import NoLayoutError
+from t_meshes import rectangles
 
 L_SHAPE = [(0, 0, 1, 1), (1, 0, 2, 1), (0, 1, 1, 2)]
 RING = [(0, 0, 1, 1), (1, 0, 2, 1), (2, 0, 3, 1), (0, 1, 1, 2), (2, 1, 3, 2), (0, 2, 1, 3), (1, 2, 2, 3), (2, 2, 3, 3)]
