@@ -324,11 +324,10 @@ def _symmetric(
         return result
     source = symmetrised(result.multipatch, layout.quads, group)
     certificate = certify(source)
-    fitted = source.boundary()
-    error = max(
-        hausdorff(Outline(loop), loops.target) / diameter
-        for loop, loops in zip(fitted.loops, result.registration.loops, strict=True)
-    )
+    # Loops are ordered by their sizes, which equal holes exchange.
+    targets = [loop.target for loop in result.registration.loops]
+    loops = [Outline(loop) for loop in source.boundary().loops]
+    error = max(min(hausdorff(loop, target) for target in targets) for loop in loops) / diameter
     if certificate.status != result.certificate.status or error > max(wishes.fit_tolerance, result.boundary_error):
         log.append(f"symmetric patches would miss the outline by {error:.1e}; left as they are")
         return result
