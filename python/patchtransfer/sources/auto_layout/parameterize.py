@@ -33,10 +33,12 @@ from .symmetry import Isometry, layout_symmetry, outline_symmetries, symmetrised
 
 __all__ = ["parameterize"]
 
-#: Layouts that are filled at most; few outlines have more.
-MOST_FILLED = 16
-#: The best of them whose joints slide: sliding takes ten times as long as filling, and seldom turns the order.
-SLID = 3
+#: Layouts that are filled at most, and patches of all of them together: few outlines have more of the first, and what
+#: has more of the second is large, with little to choose. Numbers, not seconds: the result is the same everywhere.
+MOST_FILLED, MOST_PATCHES = 16, 800
+#: Layouts whose joints slide at most, and patches of all of them: sliding takes ten times as long as filling, and
+#: seldom turns the order.
+MOST_SLID, MOST_SLID_PATCHES = 3, 150
 #: Times that a layout gets edges where its sides miss the outline.
 REPAIRS = 3
 #: Told (stage, number of what is done there).
@@ -149,10 +151,12 @@ def parameterize(
     candidates = _slid(candidates, boundary, outlines, wishes, tell)
     if not any(_certified(candidate) for candidate in candidates):
         tell("convex pieces", 0)
-        candidates = _sorted([*candidates, _last_resort(boundary, outlines, wishes, log)])
+        convex = _slid(_last_resort(boundary, outlines, wishes, log), boundary, outlines, wishes, tell)
+        candidates = _sorted([*candidates, *convex])
+    if not candidates or candidates[0].result is None:
+        reasons = [candidate.reason or "" for candidate in candidates[:3]] or log[-3:]
+        raise NotCertifiedError(f"no parameterization was found: {'; '.join(reasons)}")
     best = candidates[0]
-    if best.result is None:
-        raise NotCertifiedError(f"no parameterization was found: {'; '.join(c.reason or '' for c in candidates[:4])}")
     tell("finish", 0)
     result = _finished(best, boundary, outlines, wishes, log)
     vertices = _vertices(best.layout, result.multipatch)
@@ -202,7 +206,8 @@ def _filled(
         for proposal in portfolio:
             candidates += _tried(proposal, portfolio, boundary, outlines, wishes)
             tell("layouts", len(candidates))
-            if len(candidates) >= MOST_FILLED or wishes.late():
+            work = sum(len(candidate.layout.quads) for candidate in candidates)
+            if len(candidates) >= MOST_FILLED or work >= MOST_PATCHES or wishes.late():
                 break
     except NoLayoutError as error:
         log.append(str(error))
@@ -249,9 +254,12 @@ def _slid(
     candidates: Sequence[Candidate], boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes, tell: Tell
 ) -> list[Candidate]:
     """The best candidates with their joints slid, where that is better."""
-    out = []
+    out: list[Candidate] = []
+    work = 0
     for k, candidate in enumerate(candidates):
-        if k < SLID and candidate.result is not None and candidate.reason is None and not wishes.late():
+        work += len(candidate.layout.quads)
+        few = k < MOST_SLID and work <= MOST_SLID_PATCHES
+        if few and candidate.result is not None and candidate.reason is None and not wishes.late():
             tell("sliding", k)
             moved = slid(candidate.result, candidate.layout, boundary, outlines, wishes.fit_tolerance)
             candidate = max(candidate, _judged(candidate, moved, wishes), key=lambda c: c.score)
@@ -267,10 +275,14 @@ def _certified(candidate: Candidate) -> bool:
     return candidate.result is not None and candidate.result.certificate.status == "certified"
 
 
-def _last_resort(boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes, log: list[str]) -> Candidate:
-    layout = convex_layout(outlines)
+def _last_resort(boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes, log: list[str]) -> list[Candidate]:
     log.append("no layout of the cross field was certified: convex pieces, quads round their middles")
-    return _candidate(layout, "convex pieces", boundary, outlines, wishes)
+    try:
+        layout = convex_layout(outlines)
+    except NoLayoutError as error:
+        log.append(str(error))
+        return []
+    return [_candidate(layout, "convex pieces", boundary, outlines, wishes)]
 
 
 def _vertices(layout: AbstractLayout, multipatch: MultiPatch) -> FloatArray:
