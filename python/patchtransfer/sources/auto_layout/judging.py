@@ -13,8 +13,9 @@ __all__ = ["Candidate", "score"]
 PATCH = {"few": 3e-3, "quality": 1e-3}
 #: Weight of the minimum, as a part of what the outline's corners allow, beside the mean.
 MINIMUM = 0.3
-#: Weight of a boundary error beyond the tolerance, in parts of the diameter: a miss of one per cent is a bad patch.
-MISS = 20.0
+#: Price of a boundary error beyond the tolerance, and of every part of the diameter that it is beyond: one that meets
+#: the outline is taken first, whatever its angles.
+MISSED, MISS = 0.5, 20.0
 #: A corner where a patch degenerates although the outline is smooth there is worse than any angle.
 DEGENERATE = 1.0
 
@@ -61,6 +62,7 @@ def score(result: TransferResult, prefer: str, fit_tolerance: float) -> float:
     """How good a certified result is: mean and minimum scaled Jacobian, few patches, a boundary that is met."""
     quality, patches = result.quality.scaled_jacobian, len(result.multipatch.patches)
     minimum = min(1.0, quality.min / result.corner_bound) if result.corner_bound > 0 else 0.0
-    miss = max(0.0, result.boundary_error - fit_tolerance)
+    beyond = result.boundary_error - fit_tolerance
+    miss = MISSED + MISS * beyond if beyond > 0 else 0.0
     degenerate = DEGENERATE if result.certificate.status != "certified" else 0.0
-    return float(quality.mean + MINIMUM * minimum - PATCH[prefer] * patches - MISS * miss - degenerate)
+    return float(quality.mean + MINIMUM * minimum - PATCH[prefer] * patches - miss - degenerate)

@@ -300,17 +300,32 @@ def _finished(
     """The best candidate, symmetric where the outline is, and joined as asked for."""
     assert best.result is not None
     result = best.result
-    if wishes.symmetric == "auto" and best.reason is None:
+    if best.reason is None and result.boundary_error > wishes.fit_tolerance:
+        log.append(f"boundary error {result.boundary_error:.1e}: knots are inserted where sides miss the outline")
+        result = _joined(result.multipatch, boundary, "c0", wishes, refine="auto")
+    elif best.reason is None and wishes.symmetric == "auto":
         result = _symmetric(best, result, boundary, outlines, wishes, log)
     if wishes.continuity != "c0" and result.certificate.injective:
         source = result.multipatch
         if wishes.continuity == "g1":
             source = source.reduce_continuity(wishes.degree - 2)
-        plan = TransferPlan(source, wishes.continuity, reference=rectangles(source))
-        joints = np.array([curve.start for loop in source.boundary().loops for curve in loop])
-        rows = np.column_stack([joints, joints])
-        result = plan.transfer(boundary, rows, fit_tolerance=wishes.fit_tolerance, on_failure="return")
+        result = _joined(source, boundary, wishes.continuity, wishes)
     return result
+
+
+def _joined(
+    source: MultiPatch, boundary: Boundary, continuity: str, wishes: _Wishes, refine: str = "never"
+) -> TransferResult:
+    """The same layout with its boundary vertices where they are, once more: smoother, or with more knots."""
+    joints = np.array([curve.start for loop in source.boundary().loops for curve in loop])
+    plan = TransferPlan(source, continuity, reference=rectangles(source))
+    return plan.transfer(
+        boundary,
+        np.column_stack([joints, joints]),
+        fit_tolerance=wishes.fit_tolerance,
+        refine=refine,
+        on_failure="return",
+    )
 
 
 def _symmetric(
