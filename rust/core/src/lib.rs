@@ -12,7 +12,7 @@
 //! | [`registration`] | matching of sequences, inner distances, thin plates           | `numeric`                        |
 //! | [`fitting`]      | orthogonal distance fit of boundary sides                     | `numeric`, `spline`, `outline`   |
 //! | [`mesh`]         | triangulation, maps of triangle meshes                        | `numeric`, `distortion`          |
-//! | [`layout`]       | layouts of a domain from its outline alone                    |                                  |
+//! | [`layout`]       | layouts of a domain from its outline alone                    | `numeric`, `mesh`                |
 //! | [`optimizer`]    | projected Newton on the control points of a multi-patch       | `numeric`, `spline`, `distortion`|
 
 pub mod distortion;

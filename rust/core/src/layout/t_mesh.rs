@@ -10,6 +10,10 @@ use super::graph::{MotorcycleGraph, Node, NodeKind};
 use super::motorcycle::{self, TraceError};
 use thiserror::Error;
 
+/// Part of an outline's edge that hits stay away from its ends: far more than rounding of ranks up to a million, far
+/// less than anybody sees.
+const NEAR_VERTEX: f64 = 1e-9;
+
 /// Why there is no T-mesh.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum TMeshError {
@@ -239,8 +243,7 @@ fn outline_arcs(
         let lengths: Vec<f64> = polygon.iter().map(|&v| outline_edge(charts, v)).collect();
         for (i, &from) in on.iter().enumerate() {
             let to = on[(i + 1) % on.len()];
-            let start = (place(from).0, place(from).1.max(0.0));
-            let mut end = (place(to).0, place(to).1.max(0.0));
+            let (start, mut end) = (inside_edge(place(from)), inside_edge(place(to)));
             if i + 1 == on.len() {
                 end.0 += polygon.len();
             }
@@ -262,6 +265,14 @@ fn outline_arcs(
             arcs.push(Arc { nodes: [from, to], points, places, outline: Some((index, interval)) });
         }
     }
+}
+
+/// A place on an edge of the outline, rank of its vertex and fraction, that stays on the edge as a sum of the two.
+///
+/// The fraction of a hit that all but reaches a vertex would be lost in the sum, and with it which side of the vertex
+/// the hit is on.
+fn inside_edge((rank, fraction): (usize, f64)) -> (usize, f64) {
+    (rank, if fraction < 0.0 { 0.0 } else { fraction.clamp(NEAR_VERTEX, 1.0 - NEAR_VERTEX) })
 }
 
 /// Length in the map of the outline's edge after a vertex.
