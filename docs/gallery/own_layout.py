@@ -13,7 +13,7 @@ import patchtransfer as pt
 
 
 def section(camber: float, thickness: float, degrees: float) -> pt.BSplineCurve:
-    """A closed four-digit NACA section of chord 1 as one cubic curve, from the trailing edge round the nose and back."""
+    """A four-digit NACA section of chord 1 as one cubic curve, from the trailing edge round the nose and back."""
     s = np.linspace(1, -1, 61)
     t = s**2
     half = 5 * thickness * (0.2969 * np.abs(s) - 0.126 * t - 0.3516 * t**2 + 0.2843 * t**3 - 0.1036 * t**4)
@@ -25,6 +25,7 @@ def section(camber: float, thickness: float, degrees: float) -> pt.BSplineCurve:
 
 
 def boxed(hole: pt.BSplineCurve) -> pt.Boundary:
+    """The domain around a section."""
     corners = np.array([[-1, -0.75], [1.5, -0.75], [1.5, 0.75], [-1, 0.75]])
     box = [pt.BSplineCurve([0, 0, 1, 1], 1, [corners[k], corners[(k + 1) % 4]]) for k in range(4)]
     return pt.Boundary([box, [hole]])
