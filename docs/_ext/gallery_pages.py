@@ -14,6 +14,7 @@ ORDER = (
     "samples",
     "landmarks",
     "own_outline",
+    "own_layout",
     "continuity",
     "morph",
     "deform",

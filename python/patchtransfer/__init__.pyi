@@ -35,5 +35,7 @@ from .pipeline.result import NotCertifiedError as NotCertifiedError
 from .pipeline.result import TransferResult as TransferResult
 from .proof.certificate import Certificate as Certificate
 from .proof.certificate import certify as certify
+from .sources.auto_layout.parameterize import parameterize as parameterize
+from .sources.auto_layout.result import Parameterization as Parameterization
 from .sources.layout import from_layout as from_layout
 from .sources.quad_layout import QuadLayout as QuadLayout

@@ -120,7 +120,10 @@ def read(path: str | os.PathLike[str]) -> MultiPatch:
         found = _format_of(path, data)
         if found.read is None:
             able = _extensions([f for f in FORMATS if f.read])
-            raise InputError(f"a {found.name} file holds no patches; use read_boundary, or a file of type {able}")
+            raise InputError(
+                f"a {found.name} file holds no patches; use read_boundary, and parameterize for patches, "
+                f"or a file of type {able}"
+            )
         return found.read(data)
 
 

@@ -253,7 +253,11 @@ def _multipatch(root: Element) -> MultiPatch:
     if not blocks:
         chosen = [(k, g) for k, g in geometries if g.get("type") not in CURVE_TYPES]
         if not chosen:
-            what = "only curves; use read_boundary" if geometries or _domains(root) else "no Geometry"
+            what = (
+                "only curves; use read_boundary, and parameterize for patches"
+                if geometries or _domains(root)
+                else "no Geometry"
+            )
             raise InputError(f"holds {what}")
         names = [g.get("id", "").strip() for _, g in chosen]
         usable = len(set(names)) == len(names) and all(re.fullmatch(r"-?[0-9]{1,17}", name) for name in names)
