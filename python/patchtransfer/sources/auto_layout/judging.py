@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from ...geometry.outline import Outline
 from ...pipeline.result import TransferResult
 from .assembly import AbstractLayout
 
-__all__ = ["Candidate", "score"]
+__all__ = ["Candidate", "score", "unmet"]
 
 #: Mean scaled Jacobian that a patch more has to bring.
 PATCH = {"few": 3e-3, "quality": 1e-3}
@@ -66,3 +70,23 @@ def score(result: TransferResult, prefer: str, fit_tolerance: float) -> float:
     miss = MISSED + MISS * beyond if beyond > 0 else 0.0
     degenerate = DEGENERATE if result.certificate.status != "certified" else 0.0
     return float(quality.mean + MINIMUM * minimum - PATCH[prefer] * patches - miss - degenerate)
+
+
+def unmet(
+    layout: AbstractLayout,
+    outlines: Sequence[Outline],
+    max_patches: int | None,
+    corner_patches: Mapping[tuple[int, int], int] | None,
+) -> str | None:
+    """Which demand of the user a layout does not meet: merged singularities and convex pieces know of none."""
+    patches = len(layout.quads)
+    if max_patches is not None and patches > max_patches:
+        return f"{patches} patches where max_patches is {max_patches}; allow more"
+    for (loop, rank), wanted in (corner_patches or {}).items():
+        outline = outlines[loop]
+        on = np.flatnonzero(layout.boundary_loop == loop)
+        away = abs(layout.boundary_s[on] - outline.corners[0][rank])
+        v = layout.boundary_vertices[on[np.argmin(np.minimum(away, outline.length - away))]]
+        if layout.valence[v] != wanted:
+            return f"{layout.valence[v]} patches at corner {rank} of loop {loop} where corner_patches is {wanted}"
+    return None

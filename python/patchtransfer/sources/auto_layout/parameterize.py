@@ -13,11 +13,13 @@ from ...geometry.boundary import Boundary
 from ...geometry.multipatch import MultiPatch
 from ...geometry.outline import Outline, hausdorff
 from ...interior.solver import CONTINUITY
+from ...limits import MAX_DEGREE, MAX_LAYOUT_POINTS, at_most
 from ...measure.continuity import check_continuity
 from ...measure.quality import quality
 from ...numeric.arrays import FloatArray, IntArray
 from ...pipeline.plan import TransferPlan
 from ...pipeline.result import NotCertifiedError, TransferResult
+from ...progress import Clock
 from ...proof.certificate import certify
 from ...proof.feasibility import check_loops
 from ..layout import rectangles
@@ -25,7 +27,7 @@ from ..quad_layout import QuadLayout
 from .assembly import AbstractLayout
 from .convex import convex_layout
 from .geometry import filled, misses, slid
-from .judging import Candidate, score
+from .judging import Candidate, score, unmet
 from .portfolio import Portfolio, Proposal
 from .reasons import NoLayoutError
 from .result import Parameterization
@@ -147,22 +149,27 @@ def parameterize(
     log: list[str] = []
     tell = progress or (lambda stage, number: None)
     outlines = [Outline(loop) for loop in boundary.loops]
-    candidates = _filled(boundary, outlines, wishes, log, tell)
-    candidates = _slid(candidates, boundary, outlines, wishes, tell)
+    clock = Clock()
+    with clock("layouts"):
+        candidates = _filled(boundary, outlines, wishes, log, tell)
+    with clock("sliding layouts"):
+        candidates = _slid(candidates, boundary, outlines, wishes, tell)
     if not any(_certified(candidate) for candidate in candidates):
         tell("convex pieces", 0)
-        convex = _slid(_last_resort(boundary, outlines, wishes, log), boundary, outlines, wishes, tell)
+        with clock("convex pieces"):
+            convex = _slid(_last_resort(boundary, outlines, wishes, log), boundary, outlines, wishes, tell)
         candidates = _sorted([*candidates, *convex])
     if not candidates or candidates[0].result is None:
         reasons = [candidate.reason or "" for candidate in candidates[:3]] or log[-3:]
         raise NotCertifiedError(f"no parameterization was found: {'; '.join(reasons)}")
     best = candidates[0]
     tell("finish", 0)
-    result = _finished(best, boundary, outlines, wishes, log)
+    with clock("symmetry and continuity"):
+        result = _finished(best, boundary, outlines, wishes, log)
     vertices = _vertices(best.layout, result.multipatch)
     places = {int(v): tuple(vertices[v].tolist()) for v in best.layout.boundary_vertices}
     layout = QuadLayout.abstract(best.layout.quads, vertices, places)
-    found = Parameterization.of(result, layout, candidates, log)
+    found = Parameterization.of(replace(result, timings=clock.seconds), layout, candidates, log)
     if on_failure == "raise" and not found.certificate.injective:
         raise NotCertifiedError(f"no certified map was found ({found.certificate.status}): {found.certificate}", found)
     return found
@@ -184,10 +191,17 @@ def _check(boundary: Boundary, wishes: _Wishes, time_limit: float | None, on_fai
         raise InputError(f"fit_tolerance must lie between 0 and 1, got {wishes.fit_tolerance!r}")
     if time_limit is not None and not time_limit > 0:
         raise InputError(f"time_limit must be a positive number of seconds, or None, got {time_limit!r}")
-    if wishes.max_patches is not None and wishes.max_patches < 1:
-        raise InputError(f"max_patches must be at least 1, got {wishes.max_patches}")
-    if wishes.degree < 1 or wishes.spans < 1:
-        raise InputError(f"degree and spans must be at least 1, got {wishes.degree} and {wishes.spans}")
+    numbers = {"degree": wishes.degree, "spans": wishes.spans, "max_patches": wishes.max_patches}
+    for name, number in numbers.items():
+        if number is None and name == "max_patches":
+            continue
+        if not isinstance(number, int | np.integer) or number < 1:
+            raise InputError(f"{name} must be an integer of at least 1, got {number!r}")
+    at_most(wishes.degree, MAX_DEGREE, "as degree", "take a lower one (2 or 3 are usual)")
+    at_most((wishes.degree + wishes.spans) ** 2, MAX_LAYOUT_POINTS, "control points of a patch", "take fewer spans")
+    for corner in wishes.corner_patches or {}:
+        if not (isinstance(corner, tuple) and len(corner) == 2):
+            raise InputError(f"corner_patches: keys are pairs (loop, corner), got {corner!r}")
     if wishes.continuity == "g1" and (wishes.degree < 3 or wishes.spans < 2):
         raise InputError('continuity="g1" needs degree 3 or more and two spans')
     notes = check_loops(boundary.loops, "outline")
@@ -236,6 +250,9 @@ def _tried(
 def _candidate(
     layout: AbstractLayout, origin: str, boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes
 ) -> Candidate:
+    reason = unmet(layout, outlines, wishes.max_patches, wishes.corner_patches)
+    if reason is not None:
+        return Candidate(layout, origin, None, -np.inf, reason)
     try:
         result = filled(layout, boundary, outlines, wishes.degree, wishes.spans, wishes.fit_tolerance)
     except NoLayoutError as error:

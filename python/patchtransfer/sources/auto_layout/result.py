@@ -37,6 +37,13 @@ class Parameterization(TransferResult):
         values["log"] = (*log, *result.log)
         return cls(**values, layout=layout, candidates=tuple(candidates))
 
+    def __repr__(self) -> str:
+        return (
+            super()
+            .__repr__()
+            .replace("<TransferResult:", f"<Parameterization: {len(self.multipatch.patches)} patches,")
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Everything but the geometry, ready for JSON."""
         return super().to_dict() | {

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...geometry.curve import BSplineCurve
 from ...geometry.multipatch import MultiPatch
 from ...geometry.outline import Outline
 from ...numeric.arrays import FloatArray, IntArray
@@ -24,6 +25,12 @@ SAME = 4e-3
 NEARLY = 3e-2
 #: Points on all loops that are compared, and of the finer polygon that they are compared with on every loop.
 COMPARED, FINE = 1000, 4000
+#: Radians to which an axis is found by trial, before steps of Newton's method square its error.
+NEAR, NEWTON = 1e-5, 3
+#: Sum of squared speeds of images, relative to that of distances, below which an outline is round.
+FLAT = 1e-4
+#: Points of a Gauss rule a knot span: polynomials of degree 20 are exact, arcs of 90° as rational curves to rounding.
+GAUSS = 32
 #: Highest order of a rotation that is looked for.
 HIGHEST_ORDER = 12
 #: Elements above which an outline is taken to be round: of infinitely many symmetries those of a square are kept.
@@ -71,7 +78,7 @@ def outline_symmetries(outlines: Sequence[Outline]) -> list[Isometry]:
     points = np.concatenate([o.polygon(max(50, round(COMPARED * o.length / total))) for o in outlines])
     fine = np.concatenate([outline.polygon(FINE) for outline in outlines])
     outer = max(outlines, key=lambda outline: abs(outline.area))
-    centre, diameter = _centroid(outer.polygon(FINE)), outer.diameter
+    centre, diameter = _centroid(outer.curves), outer.diameter
     tree = cKDTree(fine)
 
     def distance(matrix: FloatArray) -> float:
@@ -83,10 +90,11 @@ def outline_symmetries(outlines: Sequence[Outline]) -> list[Isometry]:
     for k, angle in enumerate(angles):
         if tried[k] < NEARLY and tried[k] <= tried[k - 1] and tried[k] <= tried[(k + 1) % len(angles)]:
             step = np.radians(0.5)
-            while step > 1e-6:
+            while step > NEAR:
                 best = min((angle - step, angle, angle + step), key=lambda a: distance(_reflection(a)))
                 step = step / 2 if best == angle else step
                 angle = best
+            angle = _sharpened(float(angle), centre, points, outlines)
             if distance(_reflection(angle)) < SAME:
                 found.append(_reflection(angle))
     for order in range(HIGHEST_ORDER, 1, -1):
@@ -180,10 +188,42 @@ def _turned(net: FloatArray, corners: IntArray, wanted: IntArray) -> FloatArray:
     raise AssertionError("a symmetry maps quads to quads")
 
 
-def _centroid(polygon: FloatArray) -> FloatArray:
-    (x, y), (x1, y1) = polygon.T, np.roll(polygon, -1, axis=0).T
-    weight = x * y1 - x1 * y
-    return np.asarray([((x + x1) * weight).sum(), ((y + y1) * weight).sum()] / (3 * weight.sum()))
+def _centroid(curves: Sequence[BSplineCurve]) -> FloatArray:
+    """Of the area within a loop, to rounding: polygons of a symmetric loop's samples are not symmetric."""
+    nodes, weights = np.polynomial.legendre.leggauss(GAUSS)
+    origin = curves[0].start
+    area, moment = 0.0, np.zeros(2)
+    for curve in curves:
+        breaks = np.unique(curve.knots)
+        half = np.diff(breaks)[:, None] / 2
+        t = (breaks[:-1, None] + half * (nodes + 1)).ravel()
+        (x, y), (dx, dy) = (curve(t) - origin).T, (half * weights).ravel() * curve(t, 1).T
+        area += float((x * dy - y * dx).sum()) / 2
+        moment += [(x * x * dy).sum() / 2, -(y * y * dx).sum() / 2]
+    return np.asarray(origin + moment / area)
+
+
+def _sharpened(angle: float, centre: FloatArray, points: FloatArray, outlines: Sequence[Outline]) -> float:
+    """The angle of an axis to rounding, by Newton's method on the distances of images from the outline."""
+    for _ in range(NEWTON):
+        image = Isometry(_reflection(angle), centre)(points)
+        found = [outline.nearest(image) for outline in outlines]
+        nearest = np.argmin([distance for _, distance in found], axis=0)
+        slope = miss = 0.0
+        for k, outline in enumerate(outlines):
+            at = nearest == k
+            s = found[k][0][at]
+            tangent, away, arm = outline.tangent(s), image[at] - outline.point(s), image[at] - centre
+            # The image turns twice as fast as the axis.
+            speed = 2 * (arm * tangent).sum(axis=1)
+            gap = away[:, 1] * tangent[:, 0] - away[:, 0] * tangent[:, 1]
+            slope += float((speed * speed).sum())
+            miss += float((speed * gap).sum())
+        # Circles have no axis that is better than others.
+        if slope <= FLAT * float(((points - centre) ** 2).sum()):
+            break
+        angle -= miss / slope
+    return angle
 
 
 def _reflection(axis: float) -> FloatArray:
