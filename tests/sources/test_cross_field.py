@@ -10,7 +10,7 @@ import domains
 from outlines import outlines
 from patchtransfer import InputError
 from patchtransfer.sources.auto_layout.cross_field import Isometry, compute_cross_field
-from patchtransfer.sources.auto_layout.mesh import corner_valences, generate_mesh
+from patchtransfer.sources.auto_layout.mesh import corner_valences, generate_mesh, sample_simply
 from patchtransfer.sources.auto_layout.sampling import sample_outline
 from shapes import SQUARE, loop
 
@@ -29,7 +29,7 @@ SINGULAR = {"disk": [1] * 4, "ellipse": [1] * 4, "pentagon": [-1], "plate": [-1]
 
 
 def mesh_of(boundary):
-    outline = sample_outline(boundary)
+    outline = sample_simply(boundary)
     return generate_mesh(outline, corner_valences(outline))
 
 

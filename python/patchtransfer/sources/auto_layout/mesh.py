@@ -19,12 +19,15 @@ import numpy as np
 
 from ..._core import LayoutError, TriangulationError, layout_edges, layout_mesh
 from ...errors import InputError
+from ...geometry.boundary import Boundary
 from ...numeric.arrays import FloatArray, IntArray
 from .reasons import NoLayoutError
-from .sampling import SampledOutline
+from .sampling import TRIANGLES, SampledOutline, sample_outline
 
-__all__ = ["LayoutMesh", "corner_valences", "generate_mesh"]
+__all__ = ["LayoutMesh", "corner_valences", "generate_mesh", "sample_simply"]
 
+#: Triangles to try where the polygons of `TRIANGLES` cross: edges half as long, and half again.
+FINER = (4 * TRIANGLES, 16 * TRIANGLES)
 #: An angle this near (in quarter turns) to one where two numbers of quads are equally good gets the larger one, so that
 #: rounding decides nothing: the corners of a regular octagon are equal.
 TIE = 1e-6
@@ -104,6 +107,25 @@ def corner_valences(
         valence[corners[loop][rank]] = int(quads)
     valence.flags.writeable = False
     return valence
+
+
+def sample_simply(boundary: Boundary) -> SampledOutline:
+    """`sample_outline`, finer where polygons would cross that loops do not: at narrow tips between curved sides.
+
+    Raises
+    ------
+    NoLayoutError
+        When the finest polygons cross as well: the outline does, or nearly.
+    """
+    for triangles in (TRIANGLES, *FINER):
+        outline = sample_outline(boundary, triangles)
+        try:
+            generate_mesh(outline, corner_valences(outline))
+        except NoLayoutError as error:
+            failure = error
+        else:
+            return outline
+    raise failure
 
 
 def generate_mesh(outline: SampledOutline, corner_valence: IntArray) -> LayoutMesh:

@@ -11,11 +11,11 @@ from ...geometry.boundary import Boundary
 from .assembly import AbstractLayout, assemble
 from .cross_field import compute_cross_field
 from .layout_key import LayoutKey, layout_key
-from .mesh import corner_valences, generate_mesh
+from .mesh import corner_valences, generate_mesh, sample_simply
 from .prices import CollapsePrice, collapse_prices
 from .quantize import arcs_between, quantize
 from .reasons import NoLayoutError
-from .sampling import SampledOutline, sample_outline
+from .sampling import SampledOutline
 from .seamless_map import compute_seamless_map
 from .t_mesh import TMesh, build_t_mesh
 
@@ -73,7 +73,7 @@ class Portfolio:
         corner_patches: Mapping[tuple[int, int], int] | None,
         note: Callable[[str], None],
     ) -> None:
-        self.outline: SampledOutline = sample_outline(boundary)
+        self.outline: SampledOutline = sample_simply(boundary)
         self.prices = collapse_prices(prefer)
         self.max_patches = max_patches
         self.corner_patches = corner_patches

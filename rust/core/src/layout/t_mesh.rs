@@ -10,9 +10,9 @@ use super::graph::{MotorcycleGraph, Node, NodeKind};
 use super::motorcycle::{self, TraceError};
 use thiserror::Error;
 
-/// Part of an outline's edge that hits stay away from its ends: far more than rounding of ranks up to a million, far
+/// Part of an outline's edge that hits stay away from its ends: more than rounding of ranks up to fifty thousand, far
 /// less than anybody sees.
-const NEAR_VERTEX: f64 = 1e-9;
+const NEAR_VERTEX: f64 = 1e-11;
 
 /// Why there is no T-mesh.
 #[derive(Debug, Error, Clone, PartialEq)]
