@@ -44,6 +44,13 @@ def wavy(waves: int, depth: float, stretch=(1.0, 1.0), turn: float = 0.0) -> Bou
     return Boundary([smooth_loop(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]) * stretch)])
 
 
+def mirrored_blob() -> Boundary:
+    """A smooth loop and its mirror image in the y-axis, to the last bit."""
+    half = np.array([(0, -1), (0.4, -1), (1.2, -0.9), (1.0, 0.1), (1.1, 1.3), (0.5, 1.2), (0, 1.2)])
+    right = BSplineCurve([0, 0, 0, 0, 1, 2, 3, 4, 4, 4, 4], 3, half)
+    return Boundary([[right, BSplineCurve(right.knots, 3, half[::-1] * [-1, 1])]])
+
+
 def pentagon() -> Boundary:
     """Regular, of radius 1."""
     angle = 0.3 + 2 * np.pi * np.arange(5) / 5
