@@ -60,6 +60,9 @@ fn given_mesh(
     LayoutMesh::new(points2(points)?, triangles3(triangles)?).map_err(mesh_error)
 }
 
+/// Points and triangles.
+type MeshTuple<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>);
+
 /// Mesh (points, triangles) of the domain on the left of index loops, with spokes at corners.
 #[pyfunction]
 fn layout_mesh<'py>(
@@ -69,7 +72,7 @@ fn layout_mesh<'py>(
     vertices: PyReadonlyArray1<'py, i64>,
     quads: PyReadonlyArray1<'py, i64>,
     max_area: f64,
-) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>)> {
+) -> PyResult<MeshTuple<'py>> {
     let points = points2(&points)?;
     let loops: Vec<Vec<usize>> = loops.iter().map(indices).collect::<PyResult<_>>()?;
     let corners = corners(&vertices, &quads)?;
@@ -89,6 +92,9 @@ fn layout_edges<'py>(
     Ok(table(py, signed(&adjacency.edges)))
 }
 
+/// Angles of the crosses, and indices of the vertices.
+type FieldTuple<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>);
+
 /// Angles of the crosses and indices of the vertices; isometries are (sources of the edges, real and imaginary part
 /// of the phase, whether conjugated).
 #[pyfunction]
@@ -99,7 +105,7 @@ fn layout_field<'py>(
     vertices: PyReadonlyArray1<'py, i64>,
     quads: PyReadonlyArray1<'py, i64>,
     isometries: Vec<(PyReadonlyArray1<'py, i64>, f64, f64, bool)>,
-) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>)> {
+) -> PyResult<FieldTuple<'py>> {
     let corners = corners(&vertices, &quads)?;
     let isometries = isometries
         .iter()

@@ -183,7 +183,7 @@ impl Ends {
                 }
                 piece.edges.push((left, right));
                 let [a, b] = adjacency.edges[edge];
-                from = a ^ b ^ from;
+                from ^= a ^ b;
                 edge ^= self.which[from];
                 if !straight(from) || taken[edge] {
                     break;

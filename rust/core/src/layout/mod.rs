@@ -14,4 +14,4 @@ mod schedule;
 pub mod seamless_map;
 pub mod t_mesh;
 #[cfg(test)]
-mod test_domains;
+pub(crate) mod test_domains;

@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn walls_that_end_inside_are_kept_and_hide_nothing() {
-        let square: Vec<[f64; 2]> = super::super::test_domains::square().points;
+        let square: Vec<[f64; 2]> = crate::layout::test_domains::square().points;
         let n = square.len();
         let points = [&square[..], &[[0.5, 0.4], [0.5, 0.6]]].concat();
         let limits = Refinement { min_angle: 28.0, max_area: Some(0.002) };
@@ -191,7 +191,7 @@ mod tests {
 
     #[test]
     fn says_where_a_wall_leaves_the_domain() {
-        let points = super::super::test_domains::l_shape().points;
+        let points = crate::layout::test_domains::l_shape().points;
         let limits = Refinement { min_angle: 28.0, max_area: None };
         // From one arm of the L to the other one, through the notch.
         let error = triangulate_unsplit(&points, &[(0..48).collect()], &[[20, 36]], limits).unwrap_err();
