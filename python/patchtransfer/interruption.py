@@ -73,7 +73,10 @@ def caught() -> Iterator[None]:
     try:
         yield
     finally:
-        # The command is done: nothing that comes shall change its status, not even while Python closes down.
+        # The command is done: nothing that comes shall change its status, not even while Python closes down. Where
+        # Ctrl-C came through an `exec` (of a dataclass that was being loaded, say), Python would end by the signal,
+        # though the exception was handled, unless another `exec` goes well.
+        exec("")
         signal.signal(signal.SIGINT, signal.SIG_IGN if before is _leave else before)
         sys.unraisablehook = hook
 
