@@ -84,7 +84,7 @@ class Portfolio:
         for offset, t_mesh in self._t_meshes():
             for mode in MODES:
                 for price in self.prices:
-                    origin = f"corners rounded {offset:+g}, {mode}, collapse at {price.size:.3g}"
+                    origin = f"corners rounded {offset:+g}, {mode}, collapse at {price.size:.3g}, turn {price.turn:g}"
                     proposal = self._proposal(t_mesh, price, mode, {}, origin)
                     if proposal is not None:
                         yield proposal

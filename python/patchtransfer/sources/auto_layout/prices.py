@@ -42,19 +42,32 @@ class CollapsePrice:
     steepest : float, default 40
         Critical points come onto one line under a larger angle (degrees) only where nothing else is left; 90 allows
         all.
+    turn : float, default 110
+        Most that the outline turns along one edge of the layout (degrees).
     """
 
     size: float
     shear: float = 0.0
     steepest: float = 40.0
+    turn: float = 110.0
 
     def __post_init__(self) -> None:
-        if not (0 < self.size < np.inf and 0 <= self.shear < np.inf and 0 < self.steepest <= 90):
-            raise InputError(f"collapse prices need size > 0, shear >= 0 and 0 < steepest <= 90, got {self}")
+        if not (
+            0 < self.size < np.inf and 0 <= self.shear < np.inf and 0 < self.steepest <= 90 and 0 < self.turn <= 180
+        ):
+            raise InputError(
+                f"collapse prices need size > 0, shear >= 0, 0 < steepest <= 90 and 0 < turn <= 180, got {self}"
+            )
 
 
 #: Coarse first. The coarsest allow steep collapses: few patches are often the better ones after sliding all the same.
-FEW = (CollapsePrice(1 / 3, steepest=90.0), CollapsePrice(1 / 6, steepest=90.0), CollapsePrice(1 / 12))
+#: The first goes round the ends of long ovals in one edge.
+FEW = (
+    CollapsePrice(1 / 3, steepest=90.0, turn=140.0),
+    CollapsePrice(1 / 3, steepest=90.0),
+    CollapsePrice(1 / 6, steepest=90.0),
+    CollapsePrice(1 / 12),
+)
 #: What is apart stays apart rather, and where it does not, lines turn little.
 QUALITY = (
     CollapsePrice(1 / 6, 1.0),

@@ -89,7 +89,7 @@ def quantize(
         On an unknown mode, arcs that are not there, or fewer than one patch.
     """
     _check(t_mesh, mode, max_patches, ties := tuple(ties), at_least := dict(at_least or {}))
-    rules = Rules(t_mesh, outline, mode == "merging", price.steepest)
+    rules = Rules(t_mesh, outline, mode == "merging", price.steepest, price.turn)
     program = Program(t_mesh, edge_prices(t_mesh, outline), arc_prices(t_mesh, outline, price), ties, max_patches)
     program.cuts = [Cut(tuple((int(arc), 1) for arc in sorted(arcs)), n, "demanded") for arcs, n in at_least.items()]
     demanded = len(program.cuts)

@@ -18,8 +18,6 @@ from .walks import Walks
 
 __all__ = ["Rules"]
 
-#: One edge of the layout follows a boundary that turns by so much at most (radians): cubic sides with three spans do.
-MOST_TURN = np.radians(110.0)
 #: Angle a patch where singularities merge into the boundary (radians): outside, the corner of the patch is worse than
 #: the singularity. In particular no patch has a straight angle there.
 SMALLEST_ANGLE, LARGEST_ANGLE = np.radians(40.0), np.radians(130.0)
@@ -39,10 +37,15 @@ class Rules:
         Whether singularities may merge with each other and into the boundary.
     steepest : float
         Largest angle (degrees) between a line of the layout and the direction between the critical points on it.
+    turn : float, default 110
+        Most that the outline turns along one edge of the layout (degrees): cubic sides with three spans follow that.
     """
 
-    def __init__(self, t_mesh: TMesh, outline: SampledOutline, merging: bool, steepest: float) -> None:
+    def __init__(
+        self, t_mesh: TMesh, outline: SampledOutline, merging: bool, steepest: float, turn: float = 110.0
+    ) -> None:
         self.t_mesh, self.merging = t_mesh, merging
+        self.most_turn = np.radians(turn)
         self.steepest = float(np.tan(np.radians(steepest))) if steepest < 90 else np.inf
         self.walks = Walks(t_mesh)
         self.index = t_mesh.node_index.tolist()
@@ -134,7 +137,7 @@ class Rules:
             start, end = point.position, ends[(i + 1) % len(ends)].position
             if end <= start:
                 end += count
-            if self._turn(loop, start, end) > MOST_TURN:
+            if self._turn(loop, start, end) > self.most_turn:
                 cuts.append(self._split(gluing, loop, start, end))
         return cuts
 
@@ -153,7 +156,7 @@ class Rules:
         on, low, high = next(part for part in overlaps if gluing.lengths[part[0]])
         more = gluing.lengths[on] + 1
         terms = {on: 1}
-        if self._turn(loop, low, high) <= MOST_TURN:
+        if self._turn(loop, low, high) <= self.most_turn:
             terms.update({arc: more for arc, _, _ in overlaps if not gluing.lengths[arc]})
         return Cut(tuple(sorted(terms.items())), more, "the boundary turns too far on an edge")
 
