@@ -140,7 +140,7 @@ def exceptions(crowds: dict[str, list[Outcome]]) -> str:
 
 
 def draw(outcomes: list[Outcome], path: Path, columns: int = 6) -> None:
-    """A grid of the patches, in few colours to keep the file small."""
+    """A grid of the patches, in 256 colours to keep the file small."""
     drawn = [o for o in outcomes if o.mp is not None]
     rows = -(-len(drawn) // columns)
     figure = Figure(figsize=(12, 2.1 * rows), layout="constrained")
@@ -156,8 +156,8 @@ def draw(outcomes: list[Outcome], path: Path, columns: int = 6) -> None:
         ax.set_title(f"{o.name}: {len(o.mp)}", fontsize=9)
     picture = io.BytesIO()
     figure.savefig(picture, dpi=90)
-    path.parent.mkdir(exist_ok=True)
-    Image.open(picture).convert("RGB").quantize(48).save(path, optimize=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.open(picture).convert("RGB").quantize(256).save(path, optimize=True)
 
 
 def crowds_asked(number: int) -> Iterator[tuple[str, list[tuple[str, pt.Boundary]]]]:

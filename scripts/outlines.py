@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -120,12 +121,14 @@ def fish() -> Boundary:
     return Boundary([[body, *(bezier(np.array(ends)) for ends in pairwise(tail))]])
 
 
+def sample(name: str) -> Boundary:
+    """Outline of a bundled sample's source."""
+    return examples.load(name)[0].boundary()
+
+
 #: Named outlines, the bundled samples first.
 NAMED: dict[str, Callable[[], Boundary]] = {
-    **{
-        name: lambda name=name: examples.load(name)[0].boundary()
-        for name in ("wrench", "rabbit", "human", "frame", "two-hole-plate", "star")
-    },
+    **{name: partial(sample, name) for name in ("wrench", "rabbit", "human", "frame", "two-hole-plate", "star")},
     "L": lambda: Boundary([polygon([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)])]),
     "C": c_shape,
     "ellipse": lambda: Boundary([ellipse(1.6, 1.0)]),
