@@ -14,7 +14,7 @@ from .assembly import AbstractLayout
 __all__ = ["Candidate", "score", "unmet"]
 
 #: Mean scaled Jacobian that a patch more has to bring.
-PATCH = {"few": 3e-3, "quality": 1e-3}
+PATCH = {"few": 3.5e-3, "quality": 1e-3}
 #: Weight of the minimum, as a part of what the outline's corners allow, beside the mean.
 MINIMUM = 0.3
 #: Price of a boundary error beyond the tolerance, and of every part of the diameter that it is beyond: one that meets
