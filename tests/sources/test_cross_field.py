@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 
 import domains
 from outlines import outlines
 from patchtransfer import InputError
-from patchtransfer.sources.auto_layout.cross_field import Isometry, compute_cross_field
+from patchtransfer.proof.certificate import check_boundary
+from patchtransfer.sources.auto_layout.cross_field import EdgeIsometry, compute_cross_field
 from patchtransfer.sources.auto_layout.mesh import corner_valences, generate_mesh, sample_simply
 from patchtransfer.sources.auto_layout.sampling import sample_outline
 from shapes import SQUARE, loop
@@ -59,6 +60,8 @@ def test_indices(name):
 @settings(max_examples=12)
 @given(outlines)
 def test_indices_add_up_on_any_outline(boundary):
+    # Strongly curved sides may cross.
+    assume(check_boundary(boundary.loops).simple)
     mesh = mesh_of(boundary)
     assert balance(mesh, compute_cross_field(mesh)) == 4 * (2 - len(boundary.loops))
 
@@ -84,7 +87,7 @@ def test_indices_are_those_of_the_moved_outline(name, matrix):
 
 def test_averaging_over_the_identity_changes_nothing():
     mesh = mesh_of(DOMAINS["skew L"])
-    identity = Isometry(np.arange(len(mesh.edges)), 1.0, False)
+    identity = EdgeIsometry(np.arange(len(mesh.edges)), 1.0, False)
     plain, averaged = compute_cross_field(mesh), compute_cross_field(mesh, [identity])
     assert abs(np.exp(4j * plain.theta) - np.exp(4j * averaged.theta)).max() < 1e-9
 

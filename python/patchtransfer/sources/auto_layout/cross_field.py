@@ -19,8 +19,9 @@ from ..._core import LayoutError, layout_field
 from ...numeric.arrays import FloatArray, IntArray
 from .mesh import LayoutMesh
 from .reasons import NoLayoutError
+from .symmetry import Isometry
 
-__all__ = ["CrossField", "Isometry", "compute_cross_field"]
+__all__ = ["CrossField", "EdgeIsometry", "compute_cross_field", "isometry_on_edges"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +42,13 @@ class CrossField:
 
 
 @dataclass(frozen=True, eq=False)
-class Isometry:
-    """An isometry of the outline that acts on crosses, (g u)(e) = phase · u(source[e]) or phase · conj(u(source[e])).
+class EdgeIsometry:
+    """An isometry of the outline as it acts on crosses: (g u)(e) = phase · u(source[e]), or of the conjugate.
 
     Attributes
     ----------
     source : (e,) array of int
-        For every edge of the mesh (`LayoutMesh.edges`) the one that the isometry moves there.
+        For every edge of the mesh (`LayoutMesh.edges`) the one that the isometry moves there, or nearly there.
     phase : complex
         exp(4iω) for a rotation by ω, exp(8iβ) for a reflection in a line of direction β.
     conjugate : bool
@@ -59,13 +60,27 @@ class Isometry:
     conjugate: bool
 
 
-def compute_cross_field(mesh: LayoutMesh, isometries: Sequence[Isometry] = ()) -> CrossField:
+def isometry_on_edges(mesh: LayoutMesh, isometry: Isometry) -> EdgeIsometry:
+    """Let an isometry of the outline act on the crosses of a mesh, which need not have the symmetry itself."""
+    from scipy.spatial import cKDTree
+
+    middle = mesh.points[mesh.edges].mean(axis=1)
+    (a, b), (c, d) = isometry.matrix
+    # The inverse of an orthogonal matrix is its transpose.
+    x, y = (middle - isometry.centre).T
+    origin = isometry.centre + np.column_stack([a * x + c * y, b * x + d * y])
+    source = np.asarray(cKDTree(middle).query(origin)[1], np.int64)
+    # Its first column is (cos ω, sin ω), or (cos 2β, sin 2β).
+    return EdgeIsometry(source, complex(np.exp(4j * np.arctan2(c, a))), isometry.mirrors)
+
+
+def compute_cross_field(mesh: LayoutMesh, isometries: Sequence[EdgeIsometry] = ()) -> CrossField:
     """Find a smooth cross field.
 
     Parameters
     ----------
     mesh : LayoutMesh
-    isometries : sequence of Isometry
+    isometries : sequence of EdgeIsometry
         The field is averaged over them in every step. With the identity they are a group.
 
     Returns

@@ -21,8 +21,9 @@ __all__ = ["Rules"]
 #: Angle a patch where singularities merge into the boundary (radians): outside, the corner of the patch is worse than
 #: the singularity. In particular no patch has a straight angle there.
 SMALLEST_ANGLE, LARGEST_ANGLE = np.radians(40.0), np.radians(130.0)
-#: A closed loop of fewer edges is not a loop of quads that meet in one edge or vertex at most.
-FEWEST_EDGES = 3
+#: A closed loop of fewer edges is not a loop of quads that meet in one edge or vertex at most; without corners, three
+#: edges would turn by 120 degrees each where four turn by 90.
+FEWEST_EDGES, FEWEST_SMOOTH_EDGES = 3, 4
 CORNERS = "corners merge"
 
 
@@ -128,8 +129,10 @@ class Rules:
     def _turning(self, gluing: Gluing, loop: int, ring: list[RingPoint]) -> list[Cut]:
         """Against loops of too few edges, and edges along which the boundary turns too far."""
         arcs = [int(arc) for arc in np.flatnonzero(self.t_mesh.arc_loop == loop)]
-        if sum(gluing.lengths[arc] for arc in arcs) < FEWEST_EDGES:
-            return [Cut(tuple((arc, 1) for arc in arcs), FEWEST_EDGES, "a loop has too few edges")]
+        cornered = any(self.t_mesh.node_loop[node] == loop for node in self.fixed)
+        fewest = FEWEST_EDGES if cornered else FEWEST_SMOOTH_EDGES
+        if sum(gluing.lengths[arc] for arc in arcs) < fewest:
+            return [Cut(tuple((arc, 1) for arc in arcs), fewest, "a loop has too few edges")]
         cuts = []
         count = len(self.turns[loop])
         ends = [point for i, point in enumerate(ring) if point.label != ring[i - 1].label]

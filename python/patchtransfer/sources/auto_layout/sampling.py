@@ -1,7 +1,7 @@
 """The outline as polygons, fine enough to carry a cross field.
 
-Nodes along a smooth piece between corners are spread evenly in ds / h + |dθ| / 8°: at most h apart, and the outline
-turns by at most 8° from one to the next. Corners are nodes.
+Corners and kinks are nodes. Along the smooth pieces between them nodes are spread evenly in ds / h + |dθ| / 8°: they
+are at most h apart, and the outline turns by at most 8° from one to the next.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry.boundary import Boundary
-from ...geometry.outline import Outline
+from ...geometry.outline import CORNER, Outline
 from ...numeric.arrays import FloatArray, IntArray
 from .reasons import NoLayoutError
 
@@ -24,10 +24,13 @@ TRIANGLES = 5000
 STEPS = 200
 #: Turn of the outline from node to node in radians: crosses are exact at 0°, ambiguous at 45°.
 TURN = np.radians(8.0)
-#: Fewest steps on a piece: the fans of triangles at its two corners must not touch.
-PIECE_STEPS = 4
-#: Kinks of less than a corner get nodes this many halvings of a step near them: far enough not to make tiny triangles.
-HALVINGS = 4
+#: Joints that turn by more (radians) are nodes, and so that the polygon is no coarser there than elsewhere.
+KINK = np.radians(1.0)
+#: Fewest steps of a piece for each corner at its ends, that the fans of triangles at two corners do not touch.
+CORNER_STEPS = 2
+#: Halvings of a table's interval, an eighth of a step, until the outline turns little in it: enough for roundings of a
+#: thousandth of a step. Smaller ones would cost more triangles than they are worth.
+HALVINGS = 9
 #: Interior angles are kept this far (radians) from 0 and 360°, where there is no room for a spoke.
 CUSP = 1e-3
 
@@ -115,38 +118,40 @@ def sample_outline(boundary: Boundary, triangles: int = TRIANGLES) -> SampledOut
 
 def _sample_loop(outline: Outline, step: float, reverse: bool) -> tuple[FloatArray, FloatArray]:
     """Arc lengths and interior angles at corners (NaN elsewhere), in the order with the domain on the left."""
-    corners, turns = outline.corners
-    breaks = corners if len(corners) else np.zeros(1)
+    breaks = outline.piece_breaks
+    turns = outline.turn(breaks)
+    kinked = abs(turns) > KINK
+    breaks, turns = (breaks[kinked], turns[kinked]) if kinked.any() else (np.zeros(1), np.zeros(1))
+    corner = abs(turns) > CORNER
     ends = np.append(breaks[1:], breaks[0] + outline.length)
-    # A piece's end is a corner by its own arc length only: the sum with the length is rounded, perhaps beyond it.
+    # A piece's end is a joint by its own arc length only: the sum with the length is rounded, perhaps beyond it.
     arrivals = outline.tangent(np.roll(breaks, -1), from_left=True)
-    pieces = [_sample_piece(outline, a, b, step, t) for a, b, t in zip(breaks, ends, arrivals, strict=True)]
+    fewest = np.maximum(1, CORNER_STEPS * (corner.astype(int) + np.roll(corner, -1)))
+    pieces = [_sample_piece(outline, *p, step) for p in zip(breaks, ends, arrivals, fewest.tolist(), strict=True)]
     s = np.mod(np.concatenate(pieces), outline.length)
+    first = np.concatenate([[0], np.cumsum([len(piece) for piece in pieces])[:-1]])
+    s[first] = breaks
     angle = np.full(len(s), np.nan)
-    if len(corners):
-        first = np.concatenate([[0], np.cumsum([len(piece) for piece in pieces])[:-1]])
-        s[first] = corners
-        angle[first] = np.clip(np.pi + turns if reverse else np.pi - turns, CUSP, 2 * np.pi - CUSP)
+    inner = np.clip(np.pi + turns if reverse else np.pi - turns, CUSP, 2 * np.pi - CUSP)
+    angle[first[corner]] = inner[corner]
     return (s[::-1].copy(), angle[::-1].copy()) if reverse else (s, angle)
 
 
-def _sample_piece(outline: Outline, a: float, b: float, step: float, arrival: FloatArray) -> FloatArray:
+def _sample_piece(outline: Outline, a: float, b: float, arrival: FloatArray, fewest: int, step: float) -> FloatArray:
     """Nodes of the piece from arc length a to b, where it arrives with a given tangent; without its end."""
 
     def turns() -> FloatArray:
-        tangents = outline.tangent(table)
-        tangents[-1] = arrival
-        before, after = tangents[:-1], tangents[1:]
+        before, after = outline.tangent(table[:-1]), outline.tangent(table[1:], from_left=True)
+        after[-1] = arrival
         cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
         return abs(np.arctan2(cross, (before * after).sum(axis=1)))
 
-    table = np.linspace(a, b, max(64, int(8 * (b - a) / step)) + 1)
-    # Roundings far smaller than a step are resolved by halving; a kink between two curves never is.
+    table = np.linspace(a, b, max(16, int(8 * (b - a) / step)) + 1)
     for _ in range(HALVINGS):
-        sharp = turns() > TURN
+        sharp = turns() > TURN / 4
         if not sharp.any():
             break
         table = np.sort(np.concatenate([table, (table[:-1] + table[1:])[sharp] / 2]))
     density = np.concatenate([[0], np.cumsum(np.diff(table) / step + turns() / TURN)])
-    steps = max(PIECE_STEPS, int(np.ceil(density[-1] - 1e-9)))
+    steps = max(fewest, int(np.ceil(density[-1] - 1e-9)))
     return np.interp(np.linspace(0, density[-1], steps + 1), density, table)[:-1]

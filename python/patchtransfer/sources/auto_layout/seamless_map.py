@@ -1,11 +1,11 @@
 """A map of the domain whose isolines follow the cross field.
 
 The crosses are scaled by exp(φ), where φ solves Δφ = curvature: with indices as the curvature of points, the map is
-nearly conformal and needs no sizes (Jezdimirović et al. 2021). The mesh is cut open along paths between
-singularities, holes and the outline. The map fits the scaled crosses in the least-squares sense; across the cut it is
-continuous up to a quarter turn and a translation, and along the outline one coordinate is constant between corners
-(Bommes et al. 2009, without the integers). These constraints hold exactly. Where it folds, its weights are raised and
-it is solved anew ("stiffening", ibid.).
+nearly conformal and needs no sizes (Jezdimirović et al. 2021). The mesh is cut open along paths between singularities,
+holes and the outline. The map fits the scaled crosses in the least-squares sense; across the cut it is continuous up to
+a quarter turn and a translation, and along the outline one coordinate is constant between corners (Bommes et al. 2009,
+without the integers). These constraints hold exactly. Where the map folds, its weights are raised and it is solved anew
+("stiffening", ibid.).
 """
 
 from __future__ import annotations

@@ -40,14 +40,6 @@ pub enum CrossFieldError {
         /// Number of edges.
         edges: usize,
     },
-    /// The number of quads at a vertex of the outline is no whole number.
-    #[error("the crosses at vertex {vertex} of the outline are not aligned with it: {quads} quads")]
-    NotAligned {
-        /// The vertex.
-        vertex: usize,
-        /// What was found.
-        quads: f64,
-    },
     /// The indices do not add up.
     #[error("the indices add up to {found} instead of 4 x Euler number = {expected}")]
     GaussBonnet {
@@ -138,7 +130,7 @@ pub fn indices(mesh: &LayoutMesh, theta: &[f64]) -> Result<Vec<i64>, CrossFieldE
     for vertex in 0..mesh.points.len() {
         let around: i64 = adjacency.ring(vertex).map(across).sum();
         if adjacency.on_outline[vertex] {
-            index.push(quads(mesh, theta, vertex, around)?);
+            index.push(quads(mesh, theta, vertex, around));
         } else {
             index.push(-around);
         }
@@ -154,7 +146,7 @@ pub fn indices(mesh: &LayoutMesh, theta: &[f64]) -> Result<Vec<i64>, CrossFieldE
 }
 
 /// Number of quads at a vertex of the outline, from the jumps `around` it.
-fn quads(mesh: &LayoutMesh, theta: &[f64], vertex: usize, around: i64) -> Result<i64, CrossFieldError> {
+fn quads(mesh: &LayoutMesh, theta: &[f64], vertex: usize, around: i64) -> i64 {
     let ring: Vec<Place> = mesh.adjacency.ring(vertex).collect();
     let (first, last) = (ring[0], ring[ring.len() - 1]);
     let angle: f64 = ring.iter().map(|&corner| mesh.angle(corner)).sum();
@@ -164,12 +156,8 @@ fn quads(mesh: &LayoutMesh, theta: &[f64], vertex: usize, around: i64) -> Result
     let turned = remainder(theta[first.face] - first_side)
         + (theta[last.face] - theta[first.face] - around as f64 * FRAC_PI_2)
         + remainder(last_side - theta[last.face]);
-    let quads = (angle - turned) / FRAC_PI_2;
-    // Alignment with both sides makes it a whole number but for rounding.
-    if (quads - quads.round()).abs() > 1e-6 {
-        return Err(CrossFieldError::NotAligned { vertex, quads });
-    }
-    Ok(quads.round() as i64)
+    // A whole number but for rounding: the angle between the sides is what the crosses turn, up to quarter turns.
+    ((angle - turned) / FRAC_PI_2).round() as i64
 }
 
 fn direction(v: [f64; 2]) -> f64 {

@@ -10,6 +10,7 @@ use thiserror::Error;
 
 use super::adjacency::{Adjacency, AdjacencyError, Place};
 use crate::mesh::laplacian::{FaceGeometry, MeshError};
+use crate::mesh::refinement::decision;
 use crate::mesh::triangulation::{Refinement, TriangulationError, triangulate_unsplit};
 
 /// Why a domain has no mesh.
@@ -123,13 +124,7 @@ impl LayoutMesh {
     }
 }
 
-/// Distance that decides between diagonals of a quad in a circle, in parts of the outline's shortest edge.
-///
-/// Domains with an axis of symmetry are full of such quads. Rounding would decide otherwise, and otherwise again where the
-/// domain lies in another direction.
-const DECISION: f64 = 1e-7;
-
-/// Points moved by less than matters, in a way that depends on their numbers only.
+/// Points moved by less than matters, see [`decision`].
 fn perturbed(points: Vec<[f64; 2]>, loops: &[Vec<usize>]) -> Vec<[f64; 2]> {
     let step = loops
         .iter()
@@ -140,9 +135,7 @@ fn perturbed(points: Vec<[f64; 2]>, loops: &[Vec<usize>]) -> Vec<[f64; 2]> {
     if !step.is_finite() {
         return points;
     }
-    // Multiples of the golden ratio's fraction, evenly spread over 0 to 1.
-    let spread = |k: usize| (k as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) as f64 / u64::MAX as f64;
-    let shift = |k: usize| DECISION * step * (spread(k) - 0.5);
+    let shift = |k: usize| step * decision(k);
     points.iter().enumerate().map(|(i, p)| [p[0] + shift(2 * i + 1), p[1] + shift(2 * i + 2)]).collect()
 }
 

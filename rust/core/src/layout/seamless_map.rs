@@ -1,16 +1,17 @@
 //! Stage C: a map (u, v) of the domain whose isolines follow a cross field.
 //!
-//! The crosses are scaled by exp(φ) first, with L φ = Ω − K: Ω is the curvature that the indices concentrate in
-//! vertices, K that of the domain (none inside, the turn of the outline on it). φ and θ are conjugate where the field is
-//! harmonic, so that exp(φ)(cos θ, sin θ) is nearly a gradient and the map nearly conformal (the same two linear equations
-//! as in Jezdimirović et al., *Integrable cross-field generation based on imposed singularity configuration*, 2021).
+//! The crosses are scaled by exp(φ) first, with L φ = Ω − K: Ω is the curvature that the indices concentrate in vertices,
+//! K that of the domain (none inside, the turn of the outline on it). φ and θ are conjugate where the field is harmonic,
+//! so that exp(φ)(cos θ, sin θ) is nearly a gradient and the map nearly conformal (the same two linear equations as in
+//! Jezdimirović et al., *Integrable cross-field generation based on imposed singularity configuration*, 2021).
 //!
-//! Then the mesh is cut open along paths from singularities to the outline and between its loops, crosses are turned
-//! to agree everywhere but across the cut, and the map minimises
-//! Σ_f A_f w_f exp(−2φ_f) (‖∇u − X_f‖² + ‖∇v − J X_f‖²), under constraints that hold exactly: across the cut uv′ = Rʳ uv + t
-//! with one translation t for every smooth piece of the cut, and one of u and v is constant along the outline between
-//! corners (Bommes, Zimmer, Kobbelt: *Mixed-integer quadrangulation*, ACM Trans. Graph. 28, 2009, without the integers). The constraints are eliminated, see
-//! `elimination`. Where the map folds, weights w grow (local stiffening, ibid.) and the map is solved anew.
+//! Then the mesh is cut open along paths from singularities to the outline and between its loops, crosses are turned to
+//! agree everywhere but across the cut, and the map minimises
+//! Σ_f A_f w_f exp(−2φ_f) (‖∇u − X_f‖² + ‖∇v − J X_f‖²), under constraints that hold exactly: across the cut
+//! uv′ = Rʳ uv + t with one translation t for every smooth piece of the cut, and one of u and v is constant along the
+//! outline between corners (Bommes, Zimmer, Kobbelt: *Mixed-integer quadrangulation*, ACM Trans. Graph. 28, 2009, without
+//! the integers). The constraints are eliminated, see `elimination`. Where the map folds, weights w grow (local
+//! stiffening, ibid.) and the map is solved anew.
 
 use thiserror::Error;
 
@@ -83,6 +84,9 @@ pub fn seamless_map(
     };
     count("crosses", theta.len(), "triangles", mesh.triangles.len())?;
     count("indices", index.len(), "vertices", mesh.points.len())?;
+    if mesh.triangles.is_empty() {
+        return Err(SeamlessMapError::Degenerate);
+    }
     let scale = log_scale(mesh, index)?;
     let cut = Cut::new(&mesh.adjacency, &mesh.triangles, &jumps(mesh, theta), index)
         .map_err(|edge| SeamlessMapError::Torn { edge })?;

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use super::mesh::{Corner, LayoutMesh};
 
 /// Nodes, index loops and corners of a domain.
-pub(crate) struct Domain {
+pub(super) struct Domain {
     pub points: Vec<[f64; 2]>,
     pub loops: Vec<Vec<usize>>,
     pub corners: Vec<Corner>,
@@ -70,11 +70,11 @@ pub(super) fn circle(centre: [f64; 2], radius: f64, n: usize, hole: bool) -> Vec
 
 const SQUARE: [[f64; 2]; 4] = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
 
-pub(crate) fn square() -> Domain {
+pub(super) fn square() -> Domain {
     Domain::new(&[polygon(&SQUARE, 8)], &[(0, 0, 1), (0, 8, 1), (0, 16, 1), (0, 24, 1)])
 }
 
-pub(crate) fn l_shape() -> Domain {
+pub(super) fn l_shape() -> Domain {
     let corners = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 1.0], [1.0, 2.0], [0.0, 2.0]];
     let quads = [1, 1, 1, 3, 1, 1];
     let quads: Vec<_> = quads.iter().enumerate().map(|(i, &k)| (0, 8 * i, k)).collect();

@@ -5,5 +5,5 @@ pub mod distortion_descent;
 mod insertion_order;
 pub mod laplacian;
 pub mod local_global;
-mod refinement;
+pub(crate) mod refinement;
 pub mod triangulation;

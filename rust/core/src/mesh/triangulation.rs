@@ -7,11 +7,9 @@
 use std::collections::VecDeque;
 
 use crate::mesh::insertion_order::insertion_order;
-use crate::mesh::refinement::{Limits, refine_unsplit};
+use crate::mesh::refinement::{Cdt, Limits, refine_unsplit};
 use spade::handles::FixedVertexHandle;
-use spade::{
-    AngleLimit, ConstrainedDelaunayTriangulation, InsertionError, Point2, RefinementParameters, Triangulation,
-};
+use spade::{AngleLimit, InsertionError, Point2, RefinementParameters, Triangulation};
 use thiserror::Error;
 
 /// Why there is no valid triangulation. All indices refer to the input points.
@@ -109,8 +107,6 @@ pub struct Mesh {
     pub triangles: Vec<[usize; 3]>,
 }
 
-pub(crate) type Cdt = ConstrainedDelaunayTriangulation<Point2<f64>>;
-
 /// Triangulate the domain on the left of `loops`, which are closed polygons given as indices into `points`.
 ///
 /// Every point must lie in the domain and every polygon edge becomes an edge of the triangulation (a chain of
@@ -130,8 +126,8 @@ pub fn triangulate(
 
 /// The same with further edges in the domain's inside, `walls`; no edge of a loop and no wall is split.
 ///
-/// Triangles that could only be improved by splitting such an edge stay as they are, and so do those of less than 10⁻¹³ of
-/// the bounding box. The smallest angle must be 30 degrees at most.
+/// Triangles that could only be improved by splitting such an edge stay as they are, and so do those of less than 10⁻¹³
+/// of the bounding box. The smallest angle must be 30 degrees at most.
 pub fn triangulate_unsplit(
     points: &[[f64; 2]],
     loops: &[Vec<usize>],
