@@ -15,21 +15,13 @@ from ...pipeline.result import TransferResult
 from ..layout import from_layout, rectangles
 from .assembly import AbstractLayout
 from .reasons import NoLayoutError
+from .with_places import with_places
 
-__all__ = ["assignment", "filled", "misses", "slid"]
+__all__ = ["filled", "misses", "slid"]
 
 STAGE = "geometry"
 #: Rounds of sliding: the rectangles that distortion is measured against follow the patches, which follow the joints.
 SLIDING_ROUNDS = 2
-
-
-def assignment(layout: AbstractLayout, outlines: Sequence[Outline]) -> dict[int, tuple[float, float]]:
-    """Where every boundary vertex of a layout lies."""
-    places = {}
-    for v, loop, s in zip(layout.boundary_vertices, layout.boundary_loop, layout.boundary_s, strict=True):
-        x, y = outlines[loop].point(float(s))
-        places[int(v)] = (float(x), float(y))
-    return places
 
 
 def filled(
@@ -54,7 +46,7 @@ def filled(
             boundary,
             degree,
             spans,
-            assignment=assignment(layout, outlines),
+            assignment=with_places(layout, outlines).assignment,
             fit_tolerance=fit_tolerance,
             on_failure="return",
         )

@@ -17,6 +17,7 @@ from ...limits import MAX_DEGREE, MAX_LAYOUT_POINTS, at_most
 from ...measure.continuity import check_continuity
 from ...measure.quality import quality
 from ...numeric.arrays import FloatArray, IntArray
+from ...pipeline.options import Options
 from ...pipeline.plan import TransferPlan
 from ...pipeline.result import NotCertifiedError, TransferResult
 from ...progress import Clock
@@ -182,15 +183,12 @@ def _check(boundary: Boundary, wishes: _Wishes, time_limit: float | None, on_fai
         "prefer": (wishes.prefer, ("few", "quality")),
         "symmetric": (wishes.symmetric, ("auto", "never")),
         "continuity": (wishes.continuity, CONTINUITY),
-        "on_failure": (on_failure, ("raise", "return")),
     }
     for name, (value, allowed) in choices.items():
         if value not in allowed:
             raise InputError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
-    if not 0 < wishes.fit_tolerance < 1:
-        raise InputError(f"fit_tolerance must lie between 0 and 1, got {wishes.fit_tolerance!r}")
-    if time_limit is not None and not time_limit > 0:
-        raise InputError(f"time_limit must be a positive number of seconds, or None, got {time_limit!r}")
+    # What a transfer has as well is checked as there.
+    Options(fit_tolerance=wishes.fit_tolerance, on_failure=on_failure, time_limit=time_limit)
     numbers = {"degree": wishes.degree, "spans": wishes.spans, "max_patches": wishes.max_patches}
     for name, number in numbers.items():
         if number is None and name == "max_patches":

@@ -38,13 +38,11 @@ class Rules:
         Whether singularities may merge with each other and into the boundary.
     steepest : float
         Largest angle (degrees) between a line of the layout and the direction between the critical points on it.
-    turn : float, default 110
+    turn : float
         Most that the outline turns along one edge of the layout (degrees): cubic sides with three spans follow that.
     """
 
-    def __init__(
-        self, t_mesh: TMesh, outline: SampledOutline, merging: bool, steepest: float, turn: float = 110.0
-    ) -> None:
+    def __init__(self, t_mesh: TMesh, outline: SampledOutline, merging: bool, steepest: float, turn: float) -> None:
         self.t_mesh, self.merging = t_mesh, merging
         self.most_turn = np.radians(turn)
         self.steepest = float(np.tan(np.radians(steepest))) if steepest < 90 else np.inf
