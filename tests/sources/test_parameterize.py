@@ -291,3 +291,15 @@ def test_the_same_bits_with_any_number_of_threads():
     finally:
         set_threads(0)
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("backwards", [False, True], ids=["as drawn", "backwards, holes first"])
+def test_sides_that_miss_waves_get_edges_whatever_the_loops_order_and_sense(backwards):
+    """Three spans cannot follow the frame's waves: the sides that miss them are divided, and no others."""
+    loops = pt.examples.load("frame")[0].boundary().loops
+    if backwards:
+        loops = [[curve.reversed() for curve in reversed(curves)] for curves in reversed(loops)]
+    result = parameterize(pt.Boundary(loops))
+    is_complete(result, pt.Boundary(loops))
+    assert len(result.multipatch.patches) <= 16
+    assert result.candidates[0].origin.endswith("edges added")

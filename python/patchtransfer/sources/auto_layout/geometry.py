@@ -81,14 +81,19 @@ def slid(
     return best
 
 
-def misses(result: TransferResult, fit_tolerance: float) -> list[tuple[int, float, float]]:
-    """Stretches (loop, s0, s1) of the outline that their sides miss, in arc lengths of the registered loops."""
+def misses(result: TransferResult, outlines: Sequence[Outline], fit_tolerance: float) -> list[tuple[int, float, float]]:
+    """Stretches (loop, s0, s1) that their sides miss, in the order, sense and arc lengths of the user's loops."""
     found = []
-    for k, (loop, sides) in enumerate(zip(result.registration.loops, result.fitted.loops, strict=True)):
-        joints = loop.joints
-        found += [
-            (k, float(joints[i]), float(joints[i + 1])) for i, side in enumerate(sides) if side.error > fit_tolerance
-        ]
+    for side in (side for sides in result.fitted.loops for side in sides):
+        if side.error > fit_tolerance:
+            # By their places: registered loops have an order and a sense of their own.
+            points = side.curve(np.linspace(*side.curve.domain, 3))
+            nearest = [outline.nearest(points) for outline in outlines]
+            loop = int(np.argmin([distance.max() for _, distance in nearest]))
+            start, middle, end = nearest[loop][0].tolist()
+            length = outlines[loop].length
+            forwards = (middle - start) % length <= (end - start) % length
+            found.append((loop, start, end) if forwards else (loop, end, start))
     return found
 
 

@@ -236,7 +236,7 @@ def _tried(
         assert current is not None
         candidate = _candidate(current.layout, current.origin, boundary, outlines, wishes)
         found.append(candidate)
-        missed = [] if candidate.result is None else misses(candidate.result, wishes.fit_tolerance)
+        missed = [] if candidate.result is None else misses(candidate.result, outlines, wishes.fit_tolerance)
         if not missed or wishes.late():
             break
         current = portfolio.with_more_edges(current, missed)

@@ -95,9 +95,12 @@ class Portfolio:
         layout = proposal.layout
         for loop, s0, s1 in stretches:
             length = self.outline.outlines[loop].length
-            arcs = arcs_between(proposal.t_mesh, self.outline, loop, s0 % length, s1 % length)
-            inside = (layout.boundary_loop == loop) & ((layout.boundary_s - s0) % length < (s1 - s0))
-            demands[arcs] = max(demands.get(arcs, 0), int(inside.sum()) + 1)
+            joints = np.sort(layout.boundary_s[layout.boundary_loop == loop] % length)
+            # A side starts and ends at vertices; a stretch that reached beyond them would count its neighbours' edges.
+            first, last = (int(np.argmin(abs((joints - s + length / 2) % length - length / 2))) for s in (s0, s1))
+            arcs = arcs_between(proposal.t_mesh, self.outline, loop, joints[first], joints[last])
+            edges = (last - first - 1) % len(joints) + 1
+            demands[arcs] = max(demands.get(arcs, 0), edges + 1)
         return self._proposal(
             proposal.t_mesh, proposal.price, proposal.mode, demands, f"{proposal.origin}, edges added"
         )
