@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import sys
+from functools import partial
 
 import click
 
 from ..errors import InputError
 from .support import (
-    NOT_CERTIFIED,
     Report,
-    all_or_nothing,
     check_outputs,
+    deliver,
+    draw_patches,
     failures,
     json_option,
     keep_inputs,
-    summary,
-    warn,
+    keep_uncertified_option,
+    leave,
 )
 
 __all__ = ["build"]
@@ -25,13 +25,12 @@ __all__ = ["build"]
 @click.command()
 @click.argument("layout", type=click.Path())
 @click.option("-o", "--output", required=True, metavar="OUT.xml", help="Multi-patch (G+Smo XML).")
-@click.option("--keep-uncertified", is_flag=True, help="Write the best map even without a certificate.")
+@keep_uncertified_option
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
 @json_option
 def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | None, json_path: str | None) -> None:
     """Parameterize a domain from the quad layout LAYOUT (JSON) and the boundary that it names."""
     from .. import io
-    from ..plot import figures as plot
     from ..sources.layout import from_layout
 
     report = Report(json_path)
@@ -51,12 +50,5 @@ def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | Non
             )
         except InputError as error:
             raise InputError(f"{layout}: {error}") from None
-        with all_or_nothing(output, plot_path, json_path):
-            if plot_path is not None:
-                plot.savefig(plot.multipatch(result.multipatch), plot_path)
-            io.write(result.multipatch, output)
-            report.write(result.to_dict())
-            if json_path != "-":
-                summary(result.to_dict(), output)
-    warn(result.warnings)
-    sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
+        deliver(result, output, report, [(plot_path, partial(draw_patches, result))])
+    leave(result)

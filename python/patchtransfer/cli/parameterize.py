@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from functools import partial
 
 import click
 
 from .support import (
-    NOT_CERTIFIED,
     Report,
-    all_or_nothing,
     check_outputs,
     continuity_option,
+    deliver,
+    draw_patches,
     failures,
+    fit_tolerance_option,
     json_option,
     keep_inputs,
+    keep_uncertified_option,
+    leave,
     set_threads,
-    summary,
-    warn,
+    status_line,
 )
 
 __all__ = ["parameterize"]
@@ -41,9 +41,9 @@ __all__ = ["parameterize"]
     help="What counts more where one costs the other.",
 )
 @continuity_option("c0")
-@click.option("--fit-tolerance", type=float, default=1e-3, show_default=True, metavar="X", help="Boundary error.")
+@fit_tolerance_option
 @click.option("--time-limit", type=float, metavar="S", help="Seconds after which no further layout is tried.")
-@click.option("--keep-uncertified", is_flag=True, help="Write the best map even without a certificate.")
+@keep_uncertified_option
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
 @json_option
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
@@ -67,7 +67,6 @@ def parameterize(
     OUTLINE is a boundary: G+Smo XML, closed point lists (CSV) or an SVG drawing, holes included.
     """
     from .. import io
-    from ..plot import figures as plot
     from ..sources.auto_layout import parameterize as run
 
     report = Report(json_path)
@@ -76,7 +75,7 @@ def parameterize(
         keep_inputs([outline], [output, plot_path, json_path])
         set_threads(threads)
         boundary = io.read_boundary(outline)
-        with _stage_line() as progress:
+        with status_line("reading", _stage) as progress:
             result = run(
                 boundary,
                 degree=degree,
@@ -89,28 +88,10 @@ def parameterize(
                 on_failure="return" if keep_uncertified else "raise",
                 progress=progress,
             )
-        content = result.to_dict()
-        if not result.certificate.injective:
-            content["error"] = str(result.certificate)
-        with all_or_nothing(output, plot_path, json_path):
-            if plot_path is not None:
-                plot.savefig(plot.multipatch(result.multipatch), plot_path)
-            io.write(result.multipatch, output)
-            report.write(content)
-            if json_path != "-":
-                summary(content, output)
-    warn(result.warnings)
-    sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
+        deliver(result, output, report, [(plot_path, partial(draw_patches, result))])
+    leave(result)
 
 
-@contextmanager
-def _stage_line() -> Iterator[Callable[[str, int], None] | None]:
-    """The stage on terminals, nothing when piped."""
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    with console.status("reading") as status:
-        yield lambda stage, number: status.update(f"{stage} {number}" if number else stage)
+def _stage(stage: str, number: int) -> str:
+    """What a parameterization tells of its progress."""
+    return f"{stage} {number}" if number else stage

@@ -6,11 +6,11 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from io import StringIO
 from pathlib import Path
-from typing import Any, TextIO, cast
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 
 import click
 from rich import markup
@@ -21,6 +21,9 @@ from ..errors import InfeasibleTargetError, InputError, InputWarning, TransferEr
 from ..files import json_text, write_atomic
 from ..pipeline.options import CHOICES, Options
 
+if TYPE_CHECKING:
+    from ..pipeline.result import TransferResult
+
 __all__ = [
     "INTERRUPTED",
     "NOT_CERTIFIED",
@@ -30,10 +33,15 @@ __all__ = [
     "check_outputs",
     "chosen",
     "continuity_option",
+    "deliver",
+    "draw_patches",
     "escape",
     "failures",
+    "fit_tolerance_option",
     "json_option",
     "keep_inputs",
+    "keep_uncertified_option",
+    "leave",
     "only_own_warnings",
     "print_error",
     "print_line",
@@ -286,6 +294,19 @@ def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[
     )
 
 
+fit_tolerance_option = click.option(
+    "--fit-tolerance",
+    type=float,
+    default=Options.fit_tolerance,
+    show_default=True,
+    metavar="X",
+    help="Boundary error.",
+)
+keep_uncertified_option = click.option(
+    "--keep-uncertified", is_flag=True, help="Write the best map even without a certificate."
+)
+
+
 def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
     """The options of a transfer, for `chosen`."""
     for option in reversed(
@@ -299,21 +320,14 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
                 help="auto: insert knots into the source where it misses the target; refine it if no certified map is "
                 "found.",
             ),
-            click.option(
-                "--fit-tolerance",
-                type=float,
-                default=Options.fit_tolerance,
-                show_default=True,
-                metavar="X",
-                help="Boundary error.",
-            ),
+            fit_tolerance_option,
             click.option(
                 "--fixed-correspondence/--sliding-joints",
                 default=None,
                 help="Keep all joints where registration puts them (default with landmarks), or let those that are "
                 "neither corners nor landmarks slide to lower the distortion (default without).",
             ),
-            click.option("--keep-uncertified", is_flag=True, help="Write the best map even without a certificate."),
+            keep_uncertified_option,
             click.option(
                 "--time-limit",
                 type=float,
@@ -332,19 +346,57 @@ def chosen(options: dict[str, Any]) -> Options:
     return Options(on_failure="return" if given.pop("keep_uncertified") else "raise", **given)
 
 
+def newton_step(stage: str, step: int, energy: float, determinant: float) -> str:
+    """What a transfer tells of its progress."""
+    return f"{stage}: step {step}, energy {energy:.4g}, smallest determinant {determinant:.3g}"
+
+
 @contextmanager
-def status_line() -> Iterator[Callable[[str, int, float, float], None] | None]:
-    """A status line on terminals, nothing when piped."""
+def status_line(
+    first: str = "transferring", line: Callable[..., str] = newton_step
+) -> Iterator[Callable[..., None] | None]:
+    """A status line on terminals, nothing when piped: a callback that shows `line` of what it is told."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield None
         return
-    with console.status("transferring") as status:
+    with console.status(first) as status:
+        yield lambda *told: status.update(line(*told))
 
-        def show(stage: str, step: int, energy: float, determinant: float) -> None:
-            status.update(f"{stage}: step {step}, energy {energy:.4g}, smallest determinant {determinant:.3g}")
 
-        yield show
+def deliver(
+    result: TransferResult,
+    output: str,
+    report: Report,
+    pictures: Sequence[tuple[str | None, Callable[[str], None]]],
+) -> None:
+    """Write pictures (path, or None for none, and what draws there), model and report, all or none of them."""
+    from .. import io
+
+    content = result.to_dict()
+    if not result.certificate.injective:
+        content["error"] = str(result.certificate)
+    with all_or_nothing(output, *(path for path, _ in pictures), report.path):
+        for path, draw in pictures:
+            if path is not None:
+                draw(path)
+        io.write(result.multipatch, output)
+        report.write(content)
+        if report.path != "-":
+            summary(content, output)
+
+
+def leave(result: TransferResult) -> NoReturn:
+    """End with the result's warnings and the status of its certificate."""
+    warn(result.warnings)
+    sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
+
+
+def draw_patches(result: TransferResult, path: str) -> None:
+    """Picture of a result's patches."""
+    from ..plot import figures as plot
+
+    plot.savefig(plot.multipatch(result.multipatch), path)
 
 
 def summary(content: dict[str, Any], output: str | None) -> None:

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import sys
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from .support import (
-    NOT_CERTIFIED,
     Report,
-    all_or_nothing,
     check_outputs,
     chosen,
     continuity_option,
+    deliver,
     failures,
     json_option,
     keep_inputs,
+    leave,
     set_threads,
     status_line,
-    summary,
     transfer_options,
-    warn,
 )
 
 if TYPE_CHECKING:
@@ -73,20 +71,12 @@ def transfer(
         points = None if landmarks is None else io.read_landmarks(landmarks)
         with status_line() as progress:
             result = run(model, boundary, points, continuity, progress=progress, **chosen(options).keywords())
-        with all_or_nothing(output, plot_path, plot_registration, json_path):
-            if plot_path is not None:
-                _draw_transfer(model, boundary, result, plot_path)
-            if plot_registration is not None:
-                _draw_registration(model, boundary, result, plot_registration)
-            io.write(result.multipatch, output)
-            content = result.to_dict()
-            if not result.certificate.injective:
-                content["error"] = str(result.certificate)
-            report.write(content)
-            if json_path != "-":
-                summary(result.to_dict(), output)
-    warn(result.warnings)
-    sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
+        pictures = [
+            (plot_path, partial(_draw_transfer, model, boundary, result)),
+            (plot_registration, partial(_draw_registration, model, boundary, result)),
+        ]
+        deliver(result, output, report, pictures)
+    leave(result)
 
 
 def _draw_transfer(source: MultiPatch, target: Boundary, result: TransferResult, path: str) -> None:
