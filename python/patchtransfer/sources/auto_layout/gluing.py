@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...numeric.arrays import IntArray
+from ...numeric.components import components
 from .places import inner_positions
 from .t_mesh import TMesh
 
@@ -118,23 +119,6 @@ class Gluing:
         return [half for piece in [*reversed(pieces), *ends] for half in piece]
 
 
-class _Classes:
-    """Union-find; the root is the smallest member, so that labels do not depend on the order of unions."""
-
-    def __init__(self, count: int) -> None:
-        self.parent = list(range(count))
-
-    def find(self, i: int) -> int:
-        while self.parent[i] != i:
-            self.parent[i] = self.parent[self.parent[i]]
-            i = self.parent[i]
-        return i
-
-    def join(self, i: int, j: int) -> None:
-        a, b = self.find(i), self.find(j)
-        self.parent[max(a, b)] = min(a, b)
-
-
 class _FaceOutline:
     """Points around a face.
 
@@ -210,11 +194,10 @@ def glue(t_mesh: TMesh, lengths: Sequence[int]) -> Gluing:
             inner = (width - 2) * (height - 2)
             grids.append((face, _grid(around, count)))
             count += inner
-    classes = _Classes(count)
-    for p, others in links.items():
-        for other in others:
-            classes.join(p, other.point)
-    label = np.array([classes.find(i) for i in range(count)], dtype=np.int64)
+    pairs = np.array([(p, other.point) for p, others in links.items() for other in others], np.int64).reshape(-1, 2)
+    number = components(count, *pairs.T)
+    # The smallest member names all: components are numbered by it.
+    label = np.unique(number, return_index=True)[1][number]
     return Gluing(x, first, label, [(face, label[points]) for face, points in grids], links)
 
 
