@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-__all__ = ["caught", "held_back", "ignore", "leave_silently"]
+__all__ = ["caught", "held_back", "ignore", "leave_silently", "raise_lost"]
 
 STATUS = 130
 #: Whether Ctrl-C was pressed since the command started.
@@ -30,6 +30,12 @@ def _raise(signum: int, frame: FrameType | None) -> None:
     global happened
     happened = True
     raise KeyboardInterrupt
+
+
+def raise_lost() -> None:
+    """Raise `KeyboardInterrupt` if Ctrl-C was pressed and a library has swallowed it, as SciPy does while it loads."""
+    if happened:
+        raise KeyboardInterrupt
 
 
 def _is_command() -> bool:

@@ -20,6 +20,7 @@ import targets
 from commands import failed, run
 from patchtransfer import files as whole_files
 from patchtransfer import interruption, limits
+from patchtransfer.cli.support import all_or_nothing
 from patchtransfer.files import json_text
 from patchtransfer.io import points, safe_xml
 from patchtransfer.io.loops import chain
@@ -409,6 +410,13 @@ def test_ctrl_c_is_held_back_not_lost():
         after.append("still here")
     assert after == ["still here"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interruption_that_a_library_has_swallowed_counts(tmp_path, monkeypatch):
+    monkeypatch.setattr(interruption, "happened", True)
+    with pytest.raises(KeyboardInterrupt), all_or_nothing(str(tmp_path / "a")):
+        (tmp_path / "a").write_text("written")
+    assert not (tmp_path / "a").exists()
 
 
 def test_programs_that_import_the_package_keep_their_ways():

@@ -63,7 +63,8 @@ PIPED_WIDTH = 160
 
 @contextmanager
 def all_or_nothing(*paths: str | None) -> Iterator[None]:
-    """Put files back as they were when writing one of several fails."""
+    """Put files back as they were when writing one of several fails; nothing is written after Ctrl-C."""
+    interruption.raise_lost()
     files = [Path(path) for path in paths if path is not None and path != "-"]
     if len({file.absolute() for file in files}) < len(files):
         raise InputError("two outputs have the same path; give each a file of its own")
