@@ -21,6 +21,7 @@ __all__ = [
     "MAX_FRAME_POINTS",
     "MAX_LANDMARKS",
     "MAX_LAYOUT_BYTES",
+    "MAX_LAYOUT_DEGREE",
     "MAX_LAYOUT_POINTS",
     "MAX_LINES",
     "MAX_LOOPS",
@@ -36,6 +37,9 @@ MAX_FILE_BYTES = 64 * 2**20
 MAX_TAGS = 1_000_000
 #: Bytes of a layout, whose lists take twenty times as much when parsed.
 MAX_LAYOUT_BYTES = 4 * 2**20
+#: Degree of patches made on a layout: from 12 on the systems of the inside lose so many digits that patches get worse,
+#: and from 17 on they cannot be solved.
+MAX_LAYOUT_DEGREE = 10
 #: Patches of a model.
 MAX_PATCHES = 10_000
 #: Control points of a model, all patches together, ...

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..geometry.boundary import Boundary
-from ..limits import MAX_DEGREE, MAX_LAYOUT_BYTES, MAX_QUADS, at_most
+from ..limits import MAX_LAYOUT_BYTES, MAX_LAYOUT_DEGREE, MAX_QUADS, at_most
 
 __all__ = ["LayoutFile", "parse_layout"]
 
@@ -72,7 +72,7 @@ def parse_layout(data: bytes, folder: Path, read_boundary: Any) -> LayoutFile:
     except (AttributeError, TypeError, ValueError):
         raise InputError('"assignment" must map vertex numbers to points [x, y] of finite numbers') from None
     _check_lists(content["vertices"], content["quads"])
-    at_most(numbers["degree"], MAX_DEGREE, "as degree", "take a lower one (2 or 3 are usual)")
+    at_most(numbers["degree"], MAX_LAYOUT_DEGREE, "as degree", "take a lower one (2 or 3 are usual)")
     file = folder / content["boundary"]
     return LayoutFile(
         content["vertices"],

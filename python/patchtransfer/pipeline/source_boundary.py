@@ -55,8 +55,9 @@ class SourceBoundary:
         self._outlines = [Outline(loop) for loop in loops]
         valence = {vertex.point: vertex.valence for vertex in topology.vertices}
         of_sides = [[side.points(topology.points[side.patch]) for side in loop] for loop in topology.loops]
-        #: Loop by loop, whether one patch alone fills each joint.
-        self.single = [[valence[int(points[0])] == 1 for points in loop] for loop in of_sides]
+        #: Loop by loop, how many patches meet at each joint, and whether one alone fills it.
+        self._valence = [[valence[int(points[0])] for points in loop] for loop in of_sides]
+        self.single = [[patches == 1 for patches in loop] for loop in self._valence]
         self._side_points = np.concatenate([points for loop in of_sides for points in loop])
 
     def register(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> Registered:
@@ -110,7 +111,17 @@ class SourceBoundary:
             corners = check_corners(curves, self.single, FITTED)
         except InfeasibleTargetError as error:
             return FitCheck(-1.0, (), report, str(error))
-        return FitCheck(min((corner.bound for corner in corners), default=1.0), self.degenerate(corners), report, None)
+        return FitCheck(self._corner_bound(corners), self.degenerate(corners), report, None)
+
+    def _corner_bound(self, corners: Sequence[Corner]) -> float:
+        """The best that equal shares of the corners' angles allow: unequal ones have a smaller sine among them."""
+        shared = (
+            corner.bound
+            if corner.single_patch
+            else float(np.sin(np.radians(corner.angle) / self._valence[corner.loop][corner.joint]))
+            for corner in corners
+        )
+        return min(shared, default=1.0)
 
     def pose(self, registered: Registered, fitted: FittedBoundary, run: Run) -> Posed:
         """The problem for the inside that a fit poses."""

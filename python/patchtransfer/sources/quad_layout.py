@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..geometry.basis import greville
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
-from ..limits import MAX_DEGREE, MAX_LAYOUT_POINTS, MAX_QUADS, at_most
+from ..limits import MAX_LAYOUT_DEGREE, MAX_LAYOUT_POINTS, MAX_QUADS, at_most
 from ..numeric.arrays import FloatArray, IntArray, frozen_array
 from .drawing import circle_drawing
 from .quad_graph import QuadGraph
@@ -220,7 +220,7 @@ def bilinear_patches(vertices: FloatArray, quads: IntArray, degree: int, spans: 
     """A bilinear patch a quad, with uniform knots of the given degree; `InputError` beyond the limits."""
     if degree < 1 or spans < 1:
         raise InputError(f"degree and spans must be at least 1, got {degree} and {spans}")
-    at_most(degree, MAX_DEGREE, "as degree", "take a lower one (2 or 3 are usual)")
+    at_most(degree, MAX_LAYOUT_DEGREE, "as degree", "take a lower one (2 or 3 are usual)")
     at_most(len(quads), MAX_QUADS, "quads", "take larger ones and more spans in each")
     count = len(quads) * (degree + spans) ** 2
     at_most(count, MAX_LAYOUT_POINTS, "control points", "take fewer spans")

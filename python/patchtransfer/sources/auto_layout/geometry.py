@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -17,11 +17,12 @@ from .assembly import AbstractLayout
 from .reasons import NoLayoutError
 from .with_places import with_places
 
-__all__ = ["filled", "misses", "slid"]
+__all__ = ["filled", "misses", "sliding"]
 
 STAGE = "geometry"
-#: Rounds of sliding: the rectangles that distortion is measured against follow the patches, which follow the joints.
-SLIDING_ROUNDS = 2
+#: Most rounds of sliding: the rectangles that distortion is measured against follow the patches, which follow the
+#: joints. Ovals take three, most outlines one or two.
+SLIDING_ROUNDS = 4
 
 
 def filled(
@@ -54,31 +55,29 @@ def filled(
         raise NoLayoutError(STAGE, str(error)) from error
 
 
-def slid(
+def sliding(
     result: TransferResult,
     layout: AbstractLayout,
     boundary: Boundary,
     outlines: Sequence[Outline],
     fit_tolerance: float,
-) -> TransferResult:
-    """The patches with boundary vertices that are no corners moved to where the distortion is least.
+) -> Iterator[TransferResult]:
+    """The patches with boundary vertices that are no corners moved to where the distortion is least, round by round.
 
-    The result as it is where sliding leads to none that is certified.
+    No further round follows one that leads to no injective map.
     """
-    landmarks = _pinned(layout, outlines)
-    best = result
+    landmarks = _corners(layout, outlines)
     for _ in range(SLIDING_ROUNDS):
-        plan = TransferPlan(best.multipatch, "c0", reference=rectangles(best.multipatch))
+        plan = TransferPlan(result.multipatch, "c0", reference=rectangles(result.multipatch))
         try:
-            moved = plan.transfer(
+            result = plan.transfer(
                 boundary, landmarks, fixed_correspondence=False, fit_tolerance=fit_tolerance, on_failure="return"
             )
         except InfeasibleTargetError:
-            break
-        if not moved.certificate.injective:
-            break
-        best = moved
-    return best
+            return
+        if not result.certificate.injective:
+            return
+        yield result
 
 
 def misses(result: TransferResult, outlines: Sequence[Outline], fit_tolerance: float) -> list[tuple[int, float, float]]:
@@ -97,18 +96,11 @@ def misses(result: TransferResult, outlines: Sequence[Outline], fit_tolerance: f
     return found
 
 
-def _pinned(layout: AbstractLayout, outlines: Sequence[Outline]) -> FloatArray:
-    """Rows (x, y, x, y) of the vertices that stay: the corners, and one on every loop without any.
-
-    A loop could otherwise turn in itself, which nothing decides.
-    """
+def _corners(layout: AbstractLayout, outlines: Sequence[Outline]) -> FloatArray:
+    """Rows (x, y, x, y) of the vertices that stay."""
     rows = []
     for k, outline in enumerate(outlines):
-        on = np.flatnonzero(layout.boundary_loop == k)
-        kept = on[layout.corner[on]]
-        points = outline.point(layout.boundary_s[on])
-        if not len(kept):
-            away = np.linalg.norm(points - points.mean(axis=0), axis=1)
-            kept = on[[int(np.argmax(away))]]
-        rows.append(outline.point(layout.boundary_s[kept]))
-    return np.concatenate([np.column_stack([points, points]) for points in rows])
+        kept = (layout.boundary_loop == k) & layout.corner
+        points = outline.point(layout.boundary_s[kept])
+        rows.append(np.column_stack([points, points]))
+    return np.concatenate(rows)

@@ -15,8 +15,10 @@ __all__ = ["Candidate", "score", "unmet"]
 
 #: Mean scaled Jacobian that a patch more has to bring.
 PATCH = {"few": 3.5e-3, "quality": 1e-3}
-#: Weight of the minimum, as a part of what the outline's corners allow, beside the mean.
+#: Weight of the minimum beside the mean, and the part of what the outline's corners allow that is enough: a minimum
+#: beyond it buys no patches.
 MINIMUM = 0.3
+ENOUGH = {"few": 0.85, "quality": 1.0}
 #: Price of a boundary error beyond the tolerance, and of every part of the diameter that it is beyond: one that meets
 #: the outline is taken first, whatever its angles.
 MISSED, MISS = 0.5, 20.0
@@ -62,14 +64,31 @@ class Candidate:
         }
 
 
-def score(result: TransferResult, prefer: str, fit_tolerance: float) -> float:
+def score(result: TransferResult, prefer: str, outlines: Sequence[Outline], fit_tolerance: float) -> float:
     """How good a certified result is: mean and minimum scaled Jacobian, few patches, a boundary that is met."""
     quality, patches = result.quality.scaled_jacobian, len(result.multipatch.patches)
-    minimum = min(1.0, quality.min / result.corner_bound) if result.corner_bound > 0 else 0.0
+    enough = ENOUGH[prefer] * _attainable(outlines)
+    minimum = min(1.0, quality.min / enough) if enough > 0 else 0.0
     beyond = result.boundary_error - fit_tolerance
     miss = MISSED + MISS * beyond if beyond > 0 else 0.0
     degenerate = DEGENERATE if result.certificate.status != "certified" else 0.0
     return float(quality.mean + MINIMUM * minimum - PATCH[prefer] * patches - miss - degenerate)
+
+
+def _attainable(outlines: Sequence[Outline]) -> float:
+    """The least scaled Jacobian that the corners of an outline allow, whatever the numbers of patches there.
+
+    Of k patches at an angle α one has at most sin(α / k). A layout's own bound would flatter those with bad numbers.
+    """
+    outer = int(np.argmax([abs(outline.area) for outline in outlines]))
+    best = 1.0
+    for k, outline in enumerate(outlines):
+        left = (outline.area > 0) == (k == outer)
+        turn = outline.turn(outline.corners[0])
+        angle = np.pi - (turn if left else -turn)
+        shares = np.sin(angle[:, None] / np.arange(1, 5))
+        best = min([best, *shares.max(axis=1).tolist()])
+    return best
 
 
 def unmet(

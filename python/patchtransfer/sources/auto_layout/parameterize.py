@@ -13,7 +13,7 @@ from ...geometry.boundary import Boundary
 from ...geometry.multipatch import MultiPatch
 from ...geometry.outline import Outline, hausdorff
 from ...interior.solver import CONTINUITY
-from ...limits import MAX_DEGREE, MAX_LAYOUT_POINTS, at_most
+from ...limits import MAX_LAYOUT_DEGREE, MAX_LAYOUT_POINTS, at_most
 from ...measure.continuity import check_continuity
 from ...measure.quality import quality
 from ...numeric.arrays import FloatArray, IntArray
@@ -27,7 +27,7 @@ from ..layout import rectangles
 from ..quad_layout import QuadLayout
 from .assembly import AbstractLayout
 from .convex import convex_layout
-from .geometry import filled, misses, slid
+from .geometry import filled, misses, sliding
 from .judging import Candidate, score, unmet
 from .portfolio import Portfolio, Proposal
 from .reasons import NoLayoutError
@@ -195,7 +195,7 @@ def _check(boundary: Boundary, wishes: _Wishes, time_limit: float | None, on_fai
             continue
         if not isinstance(number, int | np.integer) or number < 1:
             raise InputError(f"{name} must be an integer of at least 1, got {number!r}")
-    at_most(wishes.degree, MAX_DEGREE, "as degree", "take a lower one (2 or 3 are usual)")
+    at_most(wishes.degree, MAX_LAYOUT_DEGREE, "as degree", "take a lower one (2 or 3 are usual)")
     at_most((wishes.degree + wishes.spans) ** 2, MAX_LAYOUT_POINTS, "control points of a patch", "take fewer spans")
     for corner in wishes.corner_patches or {}:
         if not (isinstance(corner, tuple) and len(corner) == 2):
@@ -255,14 +255,16 @@ def _candidate(
         result = filled(layout, boundary, outlines, wishes.degree, wishes.spans, wishes.fit_tolerance)
     except NoLayoutError as error:
         return Candidate(layout, origin, None, -np.inf, str(error))
-    return _judged(Candidate(layout, origin, result, 0.0), result, wishes)
+    return _judged(Candidate(layout, origin, result, 0.0), result, outlines, wishes)
 
 
-def _judged(candidate: Candidate, result: TransferResult, wishes: _Wishes) -> Candidate:
+def _judged(candidate: Candidate, result: TransferResult, outlines: Sequence[Outline], wishes: _Wishes) -> Candidate:
     if not result.certificate.injective:
         reason = str(result.certificate) if result.failure is None else result.failure.reason
         return replace(candidate, result=result, score=-np.inf, reason=reason)
-    return replace(candidate, result=result, score=score(result, wishes.prefer, wishes.fit_tolerance), reason=None)
+    return replace(
+        candidate, result=result, score=score(result, wishes.prefer, outlines, wishes.fit_tolerance), reason=None
+    )
 
 
 def _slid(
@@ -276,8 +278,11 @@ def _slid(
         few = k < MOST_SLID and work <= MOST_SLID_PATCHES
         if few and candidate.result is not None and candidate.reason is None and not wishes.late():
             tell("sliding", k)
-            moved = slid(candidate.result, candidate.layout, boundary, outlines, wishes.fit_tolerance)
-            candidate = max(candidate, _judged(candidate, moved, wishes), key=lambda c: c.score)
+            for moved in sliding(candidate.result, candidate.layout, boundary, outlines, wishes.fit_tolerance):
+                judged = _judged(candidate, moved, outlines, wishes)
+                if judged.score <= candidate.score:
+                    break
+                candidate = judged
         out.append(candidate)
     return _sorted(out)
 

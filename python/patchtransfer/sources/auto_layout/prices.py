@@ -63,7 +63,7 @@ class CollapsePrice:
 #: Coarse first. The coarsest allow steep collapses: few patches are often the better ones after sliding all the same.
 #: The first goes round the ends of long ovals in one edge.
 FEW = (
-    CollapsePrice(1 / 3, steepest=90.0, turn=140.0),
+    CollapsePrice(1 / 3, steepest=90.0, turn=145.0),
     CollapsePrice(1 / 3, steepest=90.0),
     CollapsePrice(1 / 6, steepest=90.0),
     CollapsePrice(1 / 12),
