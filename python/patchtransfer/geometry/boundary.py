@@ -24,6 +24,8 @@ class Boundary:
     loops : sequence of sequences of BSplineCurve
         Within a loop every curve ends where the next one starts, and the last where the first starts; order
         of the loops and their sense are free. (`patchtransfer.io` chains loose curves.)
+    notes : sequence of str, optional
+        What was changed or decided where it was read, each with its size; not part of comparisons.
 
     Raises
     ------
@@ -32,12 +34,14 @@ class Boundary:
     """
 
     loops: tuple[tuple[BSplineCurve, ...], ...]
+    notes: tuple[str, ...]
 
-    def __init__(self, loops: Iterable[Iterable[BSplineCurve]]) -> None:
+    def __init__(self, loops: Iterable[Iterable[BSplineCurve]], notes: Iterable[str] = ()) -> None:
         chains = tuple(tuple(loop) for loop in loops)
         if not chains or not all(chains):
             raise InputError("a boundary needs at least one loop, and every loop at least one curve")
         object.__setattr__(self, "loops", chains)
+        object.__setattr__(self, "notes", tuple(notes))
         tolerance = 1e-6 * self.diameter
         for k, loop in enumerate(chains):
             for i, curve in enumerate(loop):
@@ -53,8 +57,8 @@ class Boundary:
 
     __hash__ = None  # type: ignore[assignment]
 
-    def __reduce__(self) -> tuple[Callable[..., Boundary], tuple[list[PackedCurves]]]:
-        return _unpacked_boundary, ([pack_curves(loop) for loop in self.loops],)
+    def __reduce__(self) -> tuple[Callable[..., Boundary], tuple[list[PackedCurves], tuple[str, ...]]]:
+        return _unpacked_boundary, ([pack_curves(loop) for loop in self.loops], self.notes)
 
     def __repr__(self) -> str:
         return f"<Boundary: {len(self.loops)} loops of {', '.join(str(len(x)) for x in self.loops)} curves>"
@@ -66,8 +70,8 @@ class Boundary:
         return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
-def _unpacked_boundary(loops: list[PackedCurves]) -> Boundary:
+def _unpacked_boundary(loops: list[PackedCurves], notes: tuple[str, ...]) -> Boundary:
     """A boundary that was checked before it was pickled."""
     boundary = object.__new__(Boundary)
-    boundary.__dict__["loops"] = tuple([unpack_curves(loop) for loop in loops])
+    boundary.__dict__.update(loops=tuple([unpack_curves(loop) for loop in loops]), notes=notes)
     return boundary

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
 from ..errors import InputError
 from ..numeric.arrays import FloatArray, frozen_array
 from . import display
+from .blocks import Block
 from .boundary import Boundary
 from .interfaces import check_interfaces, infer_interfaces
 from .packing import PackedPatches, pack_patches, unpack_patches
@@ -32,24 +34,31 @@ class MultiPatch:
         None (the default) infers them from coinciding side control points.
     ids : sequence of int, optional
         Identifiers of the patches in the file they came from; default 0, 1, ...
+    labels : mapping of str to iterables of (patch, side), optional
+        Names of sides, of the boundary or inside, such as ``{"inlet": [(0, Side.WEST)]}``.
+    blocks : sequence of Block, optional
+        What else the file holds.
 
     Raises
     ------
     InputError
         When an interface names a patch that does not exist, sides whose degrees or knots differ, or sides
-        whose control points do not coincide.
+        whose control points do not coincide; when a label names a patch or side that does not exist.
     """
 
     interfaces: tuple[Interface, ...]
     ids: tuple[int, ...]
+    sides: Mapping[str, tuple[tuple[int, Side], ...]]
+    blocks: tuple[Block, ...]
 
     def __init__(
         self,
         patches: Iterable[Patch],
         interfaces: Iterable[Interface] | None = None,
         ids: Sequence[int] | None = None,
+        labels: Mapping[str, Iterable[tuple[int, Side | int]]] | None = None,
+        blocks: Iterable[Block] = (),
     ) -> None:
-
         patches = tuple(patches)
         if not patches:
             raise InputError("a multi-patch needs at least one patch")
@@ -61,16 +70,28 @@ class MultiPatch:
         object.__setattr__(self, "patches", patches)
         object.__setattr__(self, "interfaces", glued)
         object.__setattr__(self, "ids", ids)
+        object.__setattr__(self, "sides", _sides(labels or {}, len(patches)))
+        object.__setattr__(self, "blocks", tuple(blocks))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, MultiPatch) and (
-            self.patches == other.patches and self.interfaces == other.interfaces and self.ids == other.ids
+            self.patches == other.patches
+            and self.interfaces == other.interfaces
+            and self.ids == other.ids
+            and self.sides == other.sides
+            and self.blocks == other.blocks
         )
 
     __hash__ = None  # type: ignore[assignment]
 
     def __len__(self) -> int:
         return len(self.patches)
+
+    def __getitem__(self, k: int) -> Patch:
+        return self.patches[k]
+
+    def __iter__(self) -> Iterator[Patch]:
+        return iter(self.patches)
 
     @cached_property
     def patches(self) -> tuple[Patch, ...]:
@@ -145,15 +166,44 @@ class MultiPatch:
 
     def _with_patches(self, patches: tuple[Patch, ...]) -> MultiPatch:
         """The same with patches that are known to fit the interfaces."""
-        moved = object.__new__(MultiPatch)
-        for name, value in (("patches", patches), ("interfaces", self.interfaces), ("ids", self.ids)):
-            object.__setattr__(moved, name, value)
+        moved = self._with(patches=patches)
         moved.__dict__["topology"] = self.topology.moved(patches)
+        return moved
+
+    def _with(self, **changed: object) -> MultiPatch:
+        """The same with other fields that are known to fit, everything derived to be found anew."""
+        other = object.__new__(MultiPatch)
+        kept = {name: getattr(self, name) for name in ("patches", "interfaces", "ids", "sides", "blocks")}
+        other.__dict__.update(kept | changed)
+        return other
+
+    def with_labels(self, labels: Mapping[str, Iterable[tuple[int, Side | int]]]) -> MultiPatch:
+        """The same with these names of sides instead of its own.
+
+        Parameters
+        ----------
+        labels : mapping of str to iterables of (patch, side)
+            Patches by their position, 0 is the first. ``{**mp.sides, "inlet": [(0, Side.WEST)]}`` adds one.
+
+        Raises
+        ------
+        InputError
+            When a patch or a side does not exist, a side is named twice in a label, or a name is empty.
+
+        Examples
+        --------
+        >>> from patchtransfer.examples import load
+        >>> mp = load("wrench").source.with_labels({"jaw": [(0, Side.WEST), (3, Side.NORTH)]})
+        >>> mp.sides["jaw"]
+        ((0, <Side.WEST: 1>), (3, <Side.NORTH: 4>))
+        """
+        moved = self._with(sides=_sides(labels, len(self.patches)))
+        moved.__dict__["topology"] = self.topology
         return moved
 
     def __reduce__(self) -> tuple[Callable[..., MultiPatch], tuple[object, ...]]:
         # The topology is found again faster than it is sent.
-        return _unpacked, (self._packed, self.interfaces, self.ids)
+        return _unpacked, (self._packed, self.interfaces, self.ids, dict(self.sides), self.blocks)
 
     def elevate(self, by: int = 1) -> MultiPatch:
         """The same geometry with all degrees raised; inner knots stay as smooth as they are."""
@@ -171,7 +221,9 @@ class MultiPatch:
 
     def _in_other_space(self, change: Callable[[Patch], Patch]) -> MultiPatch:
         """The multi-patch of changed patches; rounding may part glued points, so they are welded where they agreed."""
-        other = MultiPatch([change(patch) for patch in self.patches], self.interfaces, self.ids)
+        other = MultiPatch(
+            [change(patch) for patch in self.patches], self.interfaces, self.ids, self.sides, self.blocks
+        )
         return other.with_shared_points(other.topology.coordinates)
 
     def boundary(self) -> Boundary:
@@ -185,8 +237,37 @@ class MultiPatch:
         return display.as_html(self)
 
 
-def _unpacked(packed: PackedPatches, interfaces: tuple[Interface, ...], ids: tuple[int, ...]) -> MultiPatch:
+def _sides(
+    labels: Mapping[str, Iterable[tuple[int, Side | int]]], patches: int
+) -> Mapping[str, tuple[tuple[int, Side], ...]]:
+    """Labels, checked."""
+    sides = {}
+    for name, where in labels.items():
+        if not isinstance(name, str) or not name.strip():
+            raise InputError(f"a label is a name, not {name!r}")
+        named = []
+        for patch, side in where:
+            if not 0 <= patch < patches:
+                raise InputError(f"label {name!r}: there is no patch {patch}, the patches are 0 to {patches - 1}")
+            if side not in list(Side):
+                raise InputError(f"label {name!r}: side {side!r} of patch {patch} is not one of 1, 2, 3, 4")
+            named.append((int(patch), Side(side)))
+        if len(set(named)) != len(named):
+            raise InputError(f"label {name!r} names a side twice")
+        sides[name] = tuple(named)
+    return MappingProxyType(sides)
+
+
+def _unpacked(
+    packed: PackedPatches,
+    interfaces: tuple[Interface, ...],
+    ids: tuple[int, ...],
+    sides: dict[str, tuple[tuple[int, Side], ...]],
+    blocks: tuple[Block, ...],
+) -> MultiPatch:
     """A multi-patch that was checked before it was pickled."""
     multipatch = object.__new__(MultiPatch)
-    multipatch.__dict__.update(_packed=packed, interfaces=interfaces, ids=ids)
+    multipatch.__dict__.update(
+        _packed=packed, interfaces=interfaces, ids=ids, sides=MappingProxyType(sides), blocks=blocks
+    )
     return multipatch

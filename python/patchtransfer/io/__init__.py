@@ -9,17 +9,15 @@ SVG        .svg        closed paths and shapes                  boundary / –
 VTU        .vtu        Bézier quadrilaterals                    – / multi-patch
 =========  ==========  =======================================  ==============================
 
-A format is one entry of `FORMATS`; its functions take and return the contents of files, and raise
+A format is one entry of `FORMATS` (`formats`); its functions take and return the contents of files, and raise
 `InputError` without the path, which is added here.
 """
 
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError
@@ -27,48 +25,11 @@ from ..files import read_bytes, write_atomic
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..numeric.arrays import FloatArray
-from . import gismo, points, svg, vtu
+from . import points
+from .formats import FORMATS, BoundaryOptions, Format
 from .layout_json import LayoutFile, parse_layout
 
 __all__ = ["FORMATS", "Format", "read", "read_boundary", "read_landmarks", "read_layout", "write"]
-
-
-@dataclass(frozen=True)
-class Format:
-    """A file format: how to recognise it and what it can hold; None where it cannot."""
-
-    name: str
-    extensions: tuple[str, ...]
-    matches: Callable[[bytes], bool]
-    read: Callable[[bytes], MultiPatch] | None = None
-    read_boundary: Callable[[bytes], Boundary] | None = None
-    write: Callable[[MultiPatch], str] | None = None
-    write_boundary: Callable[[Boundary], str] | None = None
-
-
-def _first_tag(data: bytes) -> bytes:
-    """Name of the root element without its namespace prefix, empty if the data is not XML."""
-    if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
-        return b""
-    without_comments = re.sub(rb"<!--.*?(-->|$)", b"", data[:65536], flags=re.DOTALL)
-    found = re.search(rb"<(?:[\w.-]+:)?([A-Za-z_][\w.-]*)", without_comments)
-    return found[1] if found else b"?"
-
-
-FORMATS = (
-    Format(
-        "G+Smo XML",
-        (".xml",),
-        lambda data: _first_tag(data) not in (b"", b"svg", b"VTKFile"),
-        gismo.read_multipatch,
-        gismo.read_boundary,
-        gismo.format_multipatch,
-        gismo.format_boundary,
-    ),
-    Format("SVG", (".svg",), lambda data: _first_tag(data) == b"svg", read_boundary=svg.read_boundary),
-    Format("CSV", (".csv", ".txt"), points.looks_like_points, read_boundary=points.read_boundary),
-    Format("VTU", (".vtu",), lambda data: _first_tag(data) == b"VTKFile", write=vtu.format_multipatch),
-)
 
 
 @contextmanager
@@ -127,7 +88,13 @@ def read(path: str | os.PathLike[str]) -> MultiPatch:
         return found.read(data)
 
 
-def read_boundary(path: str | os.PathLike[str]) -> Boundary:
+def read_boundary(
+    path: str | os.PathLike[str],
+    *,
+    clean: bool = True,
+    smooth: bool | None = None,
+    layers: Sequence[str] | None = None,
+) -> Boundary:
     """Read the boundary curves of a domain.
 
     Parameters
@@ -137,6 +104,14 @@ def read_boundary(path: str | os.PathLike[str]) -> Boundary:
         taken), SVG (every closed path is a loop; y is flipped, so that pictures are upright) or CSV (lines
         ``x,y``, one closed outline per block, blocks separated by blank lines; interpolated by cubic
         splines between corners).
+    clean : bool, default True
+        Mend what is plainly a slip: slivers, repeated points, tiny gaps. Every change is one of the boundary's
+        ``notes``.
+    smooth : bool, optional
+        Whether points are samples of smooth curves (True) or corners of a polygon (False); None (the default) decides
+        by all turns together and tells in a note.
+    layers : sequence of str, optional
+        Layers of a drawing to read; None (the default) takes all that are visible.
 
     Returns
     -------
@@ -154,7 +129,7 @@ def read_boundary(path: str | os.PathLike[str]) -> Boundary:
         found = _format_of(path, data)
         if found.read_boundary is None:
             raise InputError(f"a {found.name} file holds no boundary")
-        return found.read_boundary(data)
+        return found.read_boundary(data, BoundaryOptions(clean, smooth, None if layers is None else tuple(layers)))
 
 
 def read_landmarks(path: str | os.PathLike[str]) -> FloatArray:

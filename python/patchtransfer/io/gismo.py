@@ -37,6 +37,7 @@ from ..limits import (
 )
 from ..numeric.arrays import FloatArray
 from .loops import TOLERANCE, chain, check_curves, clamp, close_loop, diameter, in_order
+from .options import DEFAULT, BoundaryOptions
 from .safe_xml import parse_xml
 
 __all__ = ["format_boundary", "format_multipatch", "read_boundary", "read_multipatch"]
@@ -370,7 +371,7 @@ def _domains(root: Element) -> list[Element]:
     return [root] if root.tag == "PlanarDomain" else list(root.iter("PlanarDomain"))
 
 
-def read_boundary(data: bytes) -> Boundary:
+def read_boundary(data: bytes, options: BoundaryOptions = DEFAULT) -> Boundary:
     """Boundary of a G+Smo XML file; see `patchtransfer.read_boundary`."""
     root = parse_xml(data)
     domains = _domains(root)

@@ -27,6 +27,7 @@ from ..geometry.curve import BSplineCurve
 from ..limits import MAX_CURVES, MAX_LANDMARKS, MAX_LINES, MAX_LOOPS, at_most
 from ..numeric.arrays import FloatArray
 from .loops import close_loop
+from .options import DEFAULT, BoundaryOptions
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -82,7 +83,7 @@ def looks_like_points(data: bytes) -> bool:
     return False
 
 
-def read_boundary(data: bytes) -> Boundary:
+def read_boundary(data: bytes, options: BoundaryOptions = DEFAULT) -> Boundary:
     """Boundary from closed point lists; see `patchtransfer.read_boundary`."""
     blocks: list[list[tuple[int, list[float]]]] = [[]]
     header_allowed = True

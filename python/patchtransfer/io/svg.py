@@ -23,6 +23,7 @@ from ..geometry.curve import BSplineCurve
 from ..limits import MAX_CURVES, MAX_LOOPS, at_most
 from ..numeric.arrays import FloatArray
 from .loops import TOLERANCE, close_loop
+from .options import DEFAULT, BoundaryOptions
 from .safe_xml import local_name, parse_xml
 
 __all__ = ["read_boundary"]
@@ -43,7 +44,7 @@ Segment = tuple[FloatArray, int, FloatArray]
 """Knots, degree and control points of a path segment."""
 
 
-def read_boundary(data: bytes) -> Boundary:
+def read_boundary(data: bytes, options: BoundaryOptions = DEFAULT) -> Boundary:
     """Boundary of an SVG picture; see `patchtransfer.read_boundary`."""
     root = parse_xml(data)
     if local_name(root) != "svg":

@@ -278,7 +278,7 @@ class TransferPlan:
         multiplicity = 2 if self.continuity == "g1" else 1
         patches = insert_in_strips(topology, topology.patches, knots, multiplicity)
         reference = self.reference and insert_in_strips(topology, self.reference, knots, multiplicity)
-        source = MultiPatch(patches, self.source.interfaces, self.source.ids)
+        source = MultiPatch(patches, self.source.interfaces, self.source.ids, self.source.sides, self.source.blocks)
         plan = TransferPlan(source, self.continuity, reference=reference)
         return plan, registered._replace(registration=plan._boundary.registered(registered.registration))
 

@@ -1,0 +1,52 @@
+"""The file formats: how each is recognised and what it can hold. A new one is a module and an entry here."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..geometry.boundary import Boundary
+from ..geometry.multipatch import MultiPatch
+from . import gismo, points, svg, vtu
+from .options import BoundaryOptions
+
+__all__ = ["FORMATS", "BoundaryOptions", "Format"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format: how to recognise it and what it can hold; None where it cannot."""
+
+    name: str
+    extensions: tuple[str, ...]
+    matches: Callable[[bytes], bool]
+    read: Callable[[bytes], MultiPatch] | None = None
+    read_boundary: Callable[[bytes, BoundaryOptions], Boundary] | None = None
+    write: Callable[[MultiPatch], str | bytes] | None = None
+    write_boundary: Callable[[Boundary], str | bytes] | None = None
+
+
+def _first_tag(data: bytes) -> bytes:
+    """Name of the root element without its namespace prefix, empty if the data is not XML."""
+    if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+        return b""
+    without_comments = re.sub(rb"<!--.*?(-->|$)", b"", data[:65536], flags=re.DOTALL)
+    found = re.search(rb"<(?:[\w.-]+:)?([A-Za-z_][\w.-]*)", without_comments)
+    return found[1] if found else b"?"
+
+
+FORMATS = (
+    Format(
+        "G+Smo XML",
+        (".xml",),
+        lambda data: _first_tag(data) not in (b"", b"svg", b"VTKFile"),
+        gismo.read_multipatch,
+        gismo.read_boundary,
+        gismo.format_multipatch,
+        gismo.format_boundary,
+    ),
+    Format("SVG", (".svg",), lambda data: _first_tag(data) == b"svg", read_boundary=svg.read_boundary),
+    Format("CSV", (".csv", ".txt"), points.looks_like_points, read_boundary=points.read_boundary),
+    Format("VTU", (".vtu",), lambda data: _first_tag(data) == b"VTKFile", write=vtu.format_multipatch),
+)
