@@ -193,7 +193,7 @@ class MultiPatch:
         Examples
         --------
         >>> from patchtransfer.examples import load
-        >>> mp = load("wrench").source.with_labels({"jaw": [(0, Side.WEST), (3, Side.NORTH)]})
+        >>> mp = load("wrench")[0].with_labels({"jaw": [(0, Side.WEST), (3, Side.NORTH)]})
         >>> mp.sides["jaw"]
         ((0, <Side.WEST: 1>), (3, <Side.NORTH: 4>))
         """
