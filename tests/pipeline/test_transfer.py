@@ -370,6 +370,15 @@ def test_refinement_is_allowed_by_auto_only():
     assert easy.multipatch.topology.n_points == mp.topology.n_points
 
 
+def test_patches_that_share_a_corner_share_its_bound():
+    """An L cut along its diagonal: 45 degrees each at one corner, 135 at the other."""
+    l_shape = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
+    sides = [pt.BSplineCurve([0, 0, 1, 1], 1, [a, b]) for a, b in zip(l_shape, l_shape[1:] + l_shape[:1], strict=True)]
+    result = pt.from_layout(l_shape, [[0, 1, 2, 3], [0, 3, 4, 5]], Boundary([sides]))
+    assert result.corner_bound == pytest.approx(0.5**0.5, abs=1e-9)
+    assert 0.5 < result.quality.scaled_jacobian.min <= result.corner_bound + 1e-9
+
+
 def test_a_flat_corner_of_one_patch_is_degenerate_not_folded():
     """The target is smooth where a single patch fills the corner: det J = 0 there, proved positive elsewhere."""
     mp = models.build([models.bilinear((-1, -1), (1, -1), (1, 1), (-1, 1))], 3, 2, None)

@@ -10,7 +10,7 @@ import pytest
 import domains
 import patchtransfer as pt
 import targets
-from patchtransfer import Boundary, InfeasibleTargetError, InputError, NotCertifiedError
+from patchtransfer import Boundary, InfeasibleTargetError, InputError, NotCertifiedError, examples
 from patchtransfer._core import set_threads
 from patchtransfer.geometry.areas import polygon_area
 from patchtransfer.geometry.outline import Outline
@@ -24,6 +24,8 @@ KNOWN = {
     "C": (domains.ring_segment(5.5), {3}, 0.99),
     "ring": (domains.ring(), {4}, 0.999),
     "disk": (domains.disk(), {5}, 0.75),
+    "oval": (domains.disk(radii=(3.0, 1.0)), {5}, 0.4),
+    "star": (examples.load("star")[0].boundary(), set(range(5, 14)), 0.7),
     "pentagon": (domains.pentagon(), {5}, 0.94),
     "plate": (domains.plate(), {8, 12}, 0.69),
     "T": (domains.T, {4}, 0.9999),

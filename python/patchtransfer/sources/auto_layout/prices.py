@@ -61,9 +61,10 @@ class CollapsePrice:
 
 
 #: Coarse first. The coarsest allow steep collapses: few patches are often the better ones after sliding all the same.
-#: The first goes round the ends of long ovals in one edge.
+#: The first goes round the end of an oval three times as long as wide in one edge, and round a ring that is open by a
+#: fifth in three.
 FEW = (
-    CollapsePrice(1 / 3, steepest=90.0, turn=145.0),
+    CollapsePrice(1 / 3, steepest=90.0, turn=142.0),
     CollapsePrice(1 / 3, steepest=90.0),
     CollapsePrice(1 / 6, steepest=90.0),
     CollapsePrice(1 / 12),
