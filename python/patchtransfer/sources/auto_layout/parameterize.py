@@ -66,6 +66,16 @@ class _Wishes:
         return time.monotonic() >= self.deadline
 
 
+@dataclass(frozen=True)
+class _Task:
+    """An outline, loop by loop, its symmetries, and what is wanted of it."""
+
+    boundary: Boundary
+    outlines: Sequence[Outline]
+    isometries: Sequence[Isometry]
+    wishes: _Wishes
+
+
 def parameterize(
     boundary: Boundary,
     *,
@@ -149,16 +159,18 @@ def parameterize(
     _check(boundary, wishes, time_limit, on_failure)
     log: list[str] = []
     tell = progress or (lambda stage, number: None)
-    outlines = [Outline(loop) for loop in boundary.loops]
     clock = Clock()
+    with clock("symmetries"):
+        outlines = [Outline(loop) for loop in boundary.loops]
+        task = _Task(boundary, outlines, outline_symmetries(outlines) if symmetric == "auto" else [], wishes)
     with clock("layouts"):
-        candidates = _filled(boundary, outlines, wishes, log, tell)
+        candidates = _filled(task, log, tell)
     with clock("sliding layouts"):
-        candidates = _slid(candidates, boundary, outlines, wishes, tell)
+        candidates = _slid(candidates, task, tell)
     if not any(_certified(candidate) for candidate in candidates):
         tell("convex pieces", 0)
         with clock("convex pieces"):
-            convex = _slid(_last_resort(boundary, outlines, wishes, log), boundary, outlines, wishes, tell)
+            convex = _slid(_last_resort(task, log), task, tell)
         candidates = _sorted([*candidates, *convex])
     if not candidates or candidates[0].result is None:
         reasons = [candidate.reason or "" for candidate in candidates[:3]] or log[-3:]
@@ -166,7 +178,7 @@ def parameterize(
     best = candidates[0]
     tell("finish", 0)
     with clock("symmetry and continuity"):
-        result = _finished(best, boundary, outlines, wishes, log)
+        result = _finished(best, task, log)
     vertices = _vertices(best.layout, result.multipatch)
     places = {int(v): tuple(vertices[v].tolist()) for v in best.layout.boundary_vertices}
     layout = QuadLayout.abstract(best.layout.quads, vertices, places)
@@ -207,37 +219,40 @@ def _check(boundary: Boundary, wishes: _Wishes, time_limit: float | None, on_fai
         raise InfeasibleTargetError(f"{notes[0]}; separate the curves there")
 
 
-def _filled(
-    boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes, log: list[str], tell: Tell
-) -> list[Candidate]:
+def _filled(task: _Task, log: list[str], tell: Tell) -> list[Candidate]:
     """All layouts of the portfolio with their patches, the best first."""
     candidates: list[Candidate] = []
     tell("cross field", 0)
     try:
-        portfolio = Portfolio(boundary, wishes.prefer, wishes.max_patches, wishes.corner_patches, log.append)
+        portfolio = Portfolio(
+            task.boundary,
+            task.isometries,
+            task.wishes.prefer,
+            task.wishes.max_patches,
+            task.wishes.corner_patches,
+            log.append,
+        )
         for proposal in portfolio:
-            candidates += _tried(proposal, portfolio, boundary, outlines, wishes)
+            candidates += _tried(proposal, portfolio, task)
             tell("layouts", len(candidates))
             work = sum(len(candidate.layout.quads) for candidate in candidates)
-            if len(candidates) >= MOST_FILLED or work >= MOST_PATCHES or wishes.late():
+            if len(candidates) >= MOST_FILLED or work >= MOST_PATCHES or task.wishes.late():
                 break
     except NoLayoutError as error:
         log.append(str(error))
     return _sorted(candidates)
 
 
-def _tried(
-    proposal: Proposal, portfolio: Portfolio, boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes
-) -> list[Candidate]:
+def _tried(proposal: Proposal, portfolio: Portfolio, task: _Task) -> list[Candidate]:
     """A proposal filled, and again with more edges where its sides miss the outline."""
     found = []
     current: Proposal | None = proposal
     for _ in range(REPAIRS + 1):
         assert current is not None
-        candidate = _candidate(current.layout, current.origin, boundary, outlines, wishes)
+        candidate = _candidate(current.layout, current.origin, task)
         found.append(candidate)
-        missed = [] if candidate.result is None else misses(candidate.result, outlines, wishes.fit_tolerance)
-        if not missed or wishes.late():
+        missed = [] if candidate.result is None else misses(candidate.result, task.outlines, task.wishes.fit_tolerance)
+        if not missed or task.wishes.late():
             break
         current = portfolio.with_more_edges(current, missed)
         if current is None:
@@ -245,41 +260,44 @@ def _tried(
     return found
 
 
-def _candidate(
-    layout: AbstractLayout, origin: str, boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes
-) -> Candidate:
-    reason = unmet(layout, outlines, wishes.max_patches, wishes.corner_patches)
+def _candidate(layout: AbstractLayout, origin: str, task: _Task) -> Candidate:
+    reason = unmet(layout, task.outlines, task.wishes.max_patches, task.wishes.corner_patches)
     if reason is not None:
         return Candidate(layout, origin, None, -np.inf, reason)
     try:
-        result = filled(layout, boundary, outlines, wishes.degree, wishes.spans, wishes.fit_tolerance)
+        result = filled(
+            layout, task.boundary, task.outlines, task.wishes.degree, task.wishes.spans, task.wishes.fit_tolerance
+        )
     except NoLayoutError as error:
         return Candidate(layout, origin, None, -np.inf, str(error))
-    return _judged(Candidate(layout, origin, result, 0.0), result, outlines, wishes)
+    return _judged(Candidate(layout, origin, result, 0.0), result, task)
 
 
-def _judged(candidate: Candidate, result: TransferResult, outlines: Sequence[Outline], wishes: _Wishes) -> Candidate:
+def _judged(candidate: Candidate, result: TransferResult, task: _Task) -> Candidate:
     if not result.certificate.injective:
         reason = str(result.certificate) if result.failure is None else result.failure.reason
         return replace(candidate, result=result, score=-np.inf, reason=reason)
     return replace(
-        candidate, result=result, score=score(result, wishes.prefer, outlines, wishes.fit_tolerance), reason=None
+        candidate,
+        result=result,
+        score=score(result, task.wishes.prefer, task.outlines, task.wishes.fit_tolerance),
+        reason=None,
     )
 
 
-def _slid(
-    candidates: Sequence[Candidate], boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes, tell: Tell
-) -> list[Candidate]:
+def _slid(candidates: Sequence[Candidate], task: _Task, tell: Tell) -> list[Candidate]:
     """The best candidates with their joints slid, where that is better."""
     out: list[Candidate] = []
     work = 0
     for k, candidate in enumerate(candidates):
         work += len(candidate.layout.quads)
         few = k < MOST_SLID and work <= MOST_SLID_PATCHES
-        if few and candidate.result is not None and candidate.reason is None and not wishes.late():
+        if few and candidate.result is not None and candidate.reason is None and not task.wishes.late():
             tell("sliding", k)
-            for moved in sliding(candidate.result, candidate.layout, boundary, outlines, wishes.fit_tolerance):
-                judged = _judged(candidate, moved, outlines, wishes)
+            for moved in sliding(
+                candidate.result, candidate.layout, task.boundary, task.outlines, task.wishes.fit_tolerance
+            ):
+                judged = _judged(candidate, moved, task)
                 if judged.score <= candidate.score:
                     break
                 candidate = judged
@@ -295,14 +313,14 @@ def _certified(candidate: Candidate) -> bool:
     return candidate.result is not None and candidate.result.certificate.status == "certified"
 
 
-def _last_resort(boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes, log: list[str]) -> list[Candidate]:
+def _last_resort(task: _Task, log: list[str]) -> list[Candidate]:
     log.append("no layout of the cross field was certified: convex pieces, quads round their middles")
     try:
-        layout = convex_layout(outlines)
+        layout = convex_layout(task.outlines)
     except NoLayoutError as error:
         log.append(str(error))
         return []
-    return [_candidate(layout, "convex pieces", boundary, outlines, wishes)]
+    return [_candidate(layout, "convex pieces", task)]
 
 
 def _vertices(layout: AbstractLayout, multipatch: MultiPatch) -> FloatArray:
@@ -314,35 +332,31 @@ def _vertices(layout: AbstractLayout, multipatch: MultiPatch) -> FloatArray:
     return places
 
 
-def _finished(
-    best: Candidate, boundary: Boundary, outlines: Sequence[Outline], wishes: _Wishes, log: list[str]
-) -> TransferResult:
+def _finished(best: Candidate, task: _Task, log: list[str]) -> TransferResult:
     """The best candidate, symmetric where the outline is, and joined as asked for."""
     assert best.result is not None
     result = best.result
-    if best.reason is None and result.boundary_error > wishes.fit_tolerance:
+    if best.reason is None and result.boundary_error > task.wishes.fit_tolerance:
         log.append(f"boundary error {result.boundary_error:.1e}: knots are inserted where sides miss the outline")
-        result = _joined(result.multipatch, boundary, "c0", wishes, refine="auto")
-    elif best.reason is None and wishes.symmetric == "auto":
-        result = _symmetric(best, result, boundary, outlines, wishes, log)
-    if wishes.continuity != "c0" and result.certificate.injective:
+        result = _joined(result.multipatch, task, "c0", refine="auto")
+    elif best.reason is None:
+        result = _symmetric(best, result, task, log)
+    if task.wishes.continuity != "c0" and result.certificate.injective:
         source = result.multipatch
-        if wishes.continuity == "g1":
-            source = source.reduce_continuity(wishes.degree - 2)
-        result = _joined(source, boundary, wishes.continuity, wishes)
+        if task.wishes.continuity == "g1":
+            source = source.reduce_continuity(task.wishes.degree - 2)
+        result = _joined(source, task, task.wishes.continuity)
     return result
 
 
-def _joined(
-    source: MultiPatch, boundary: Boundary, continuity: str, wishes: _Wishes, refine: str = "never"
-) -> TransferResult:
+def _joined(source: MultiPatch, task: _Task, continuity: str, refine: str = "never") -> TransferResult:
     """The same layout with its boundary vertices where they are, once more: smoother, or with more knots."""
     joints = np.array([curve.start for loop in source.boundary().loops for curve in loop])
     plan = TransferPlan(source, continuity, reference=rectangles(source))
     return plan.transfer(
-        boundary,
+        task.boundary,
         np.column_stack([joints, joints]),
-        fit_tolerance=wishes.fit_tolerance,
+        fit_tolerance=task.wishes.fit_tolerance,
         refine=refine,
         on_failure="return",
     )
@@ -351,16 +365,14 @@ def _joined(
 def _symmetric(
     best: Candidate,
     result: TransferResult,
-    boundary: Boundary,
-    outlines: Sequence[Outline],
-    wishes: _Wishes,
+    task: _Task,
     log: list[str],
 ) -> TransferResult:
     """The result with control points that are the mean of their images, where that meets the outline."""
-    layout, diameter = best.layout, boundary.diameter
+    layout, diameter = best.layout, task.boundary.diameter
     places = _vertices(layout, result.multipatch)[layout.boundary_vertices]
     group: list[tuple[Isometry, IntArray]] = []
-    found = outline_symmetries(outlines)
+    found = task.isometries
     for isometry in found:
         image = layout_symmetry(layout.quads, layout.boundary_vertices, places, isometry, diameter)
         if image is not None:
@@ -375,7 +387,7 @@ def _symmetric(
     targets = [loop.target for loop in result.registration.loops]
     loops = [Outline(loop) for loop in source.boundary().loops]
     error = max(min(hausdorff(loop, target) for target in targets) for loop in loops) / diameter
-    if certificate.status != result.certificate.status or error > max(wishes.fit_tolerance, result.boundary_error):
+    if certificate.status != result.certificate.status or error > max(task.wishes.fit_tolerance, result.boundary_error):
         log.append(f"symmetric patches would miss the outline by {error:.1e}; left as they are")
         return result
     log.append(f"symmetric under {len(group)} of {len(found)} symmetries of the outline")

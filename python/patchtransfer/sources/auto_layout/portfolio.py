@@ -17,6 +17,8 @@ from .quantize import arcs_between, quantize
 from .reasons import NoLayoutError
 from .sampling import SampledOutline
 from .seamless_map import compute_seamless_map
+from .symmetric_places import symmetric_places
+from .symmetry import Isometry
 from .t_mesh import TMesh, build_t_mesh
 
 __all__ = ["Portfolio", "Proposal"]
@@ -57,6 +59,8 @@ class Portfolio:
     Parameters
     ----------
     boundary : Boundary
+    isometries : sequence of Isometry
+        Symmetries of the outline, which layouts get where they can.
     prefer : {"few", "quality"}
     max_patches : int, optional
     corner_patches : mapping of (loop, corner) to int, optional
@@ -68,12 +72,14 @@ class Portfolio:
     def __init__(
         self,
         boundary: Boundary,
+        isometries: Sequence[Isometry],
         prefer: str,
         max_patches: int | None,
         corner_patches: Mapping[tuple[int, int], int] | None,
         note: Callable[[str], None],
     ) -> None:
         self.outline: SampledOutline = sample_simply(boundary)
+        self.isometries = isometries
         self.prices = collapse_prices(prefer)
         self.max_patches = max_patches
         self.corner_patches = corner_patches
@@ -153,4 +159,5 @@ class Portfolio:
         if key in self._seen:
             return None
         self._seen.add(key)
+        layout = symmetric_places(layout, self.outline.outlines, self.isometries)
         return Proposal(layout, t_mesh, price, mode, at_least, origin)

@@ -35,7 +35,7 @@ GAUSS = 32
 HIGHEST_ORDER = 12
 #: Elements above which an outline is taken to be round: of infinitely many symmetries those of a square are kept.
 ROUND = 30
-#: Largest distance of a boundary vertex from the image of another, relative to the diameter, to be its image.
+#: Boundary vertices of patches that are nearer than this, relative to the diameter, to another's image are its image.
 SAME_VERTEX = 2e-2
 
 
@@ -108,7 +108,12 @@ def outline_symmetries(outlines: Sequence[Outline]) -> list[Isometry]:
 
 
 def layout_symmetry(
-    quads: IntArray, on_boundary: IntArray, places: FloatArray, isometry: Isometry, diameter: float
+    quads: IntArray,
+    on_boundary: IntArray,
+    places: FloatArray,
+    isometry: Isometry,
+    diameter: float,
+    near: float = SAME_VERTEX,
 ) -> IntArray | None:
     """The layout's symmetry that goes with an isometry of the outline.
 
@@ -122,6 +127,8 @@ def layout_symmetry(
     isometry : Isometry
     diameter : float
         Of the outline.
+    near : float
+        Largest distance of a boundary vertex from the image of another, relative to the diameter, to be its image.
 
     Returns
     -------
@@ -131,7 +138,7 @@ def layout_symmetry(
     images = isometry(places)
     distance = np.hypot(*(images[:, None] - places[None]).transpose(2, 0, 1))
     nearest = distance.argmin(axis=1)
-    if distance.min(axis=1).max() > SAME_VERTEX * diameter or len(np.unique(nearest)) < len(nearest):
+    if distance.min(axis=1).max() > near * diameter or len(np.unique(nearest)) < len(nearest):
         return None
     image = np.full(int(quads.max()) + 1, -1)
     image[on_boundary] = on_boundary[nearest]
