@@ -31,6 +31,7 @@ from .motion.morph import Morph as Morph
 from .motion.morph import morph as morph
 from .pipeline.plan import TransferPlan as TransferPlan
 from .pipeline.plan import transfer as transfer
+from .pipeline.result import BoundaryMissedError as BoundaryMissedError
 from .pipeline.result import NotCertifiedError as NotCertifiedError
 from .pipeline.result import TransferResult as TransferResult
 from .proof.certificate import Certificate as Certificate

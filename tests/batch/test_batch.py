@@ -131,17 +131,20 @@ def test_uncertified_maps_are_kept_on_request(tmp_path):
     pt.write(target, tmp_path / "hard.xml")
     np.savetxt(tmp_path / "hard.landmarks.csv", landmarks, delimiter=",", header="xs,ys,xt,yt", comments="")
     case = tmp_path / "source.xml", [tmp_path / "hard.xml"]
-    (row,) = run_batch(*case, tmp_path / "out")
+    (row,) = run_batch(*case, tmp_path / "out", BatchOptions(refine="never"))
     assert not row.ok
     assert row.output is None
     assert "knots cannot" in row.error
     assert not (tmp_path / "out/hard.xml").exists()
-    options = BatchOptions(keep_uncertified=True)
+    options = BatchOptions(keep_uncertified=True, refine="never")
     (kept,) = run_batch(*case, tmp_path / "kept", options)
     assert not kept.ok
     assert kept.error
     assert not pt.certify(pt.read(tmp_path / "kept/hard.xml")).injective
     assert not run_batch(*case, tmp_path / "kept", options)[0].skipped
+    (refined,) = run_batch(*case, tmp_path / "refined")
+    assert refined.ok
+    assert refined.refined
 
 
 def test_processes_give_the_same(case):

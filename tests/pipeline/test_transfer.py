@@ -214,7 +214,7 @@ def test_unusable_sources_are_refused(source, message):
     [
         ({"continuity": "c2"}, "c0, c1, g1, got 'c2'"),
         ({"method": "magic"}, "method must be one of certified, paper, got 'magic'"),
-        ({"refine": "always"}, "refine must be one of never, auto"),
+        ({"refine": "always"}, "refine must be one of auto, never, tolerance"),
         ({"on_failure": "ignore"}, "on_failure must be one of raise, return"),
         ({"fit_tolerance": 0}, "fit_tolerance must lie between 0 and 1, got 0"),
         ({"fit_tolerance": float("nan")}, "fit_tolerance"),
@@ -256,7 +256,7 @@ def test_a_reentrant_corner_of_several_patches_is_feasible():
 
 def test_a_fit_too_coarse_is_not_called_infeasible():
     with pytest.raises(pt.NotCertifiedError, match=r"target is feasible, but the source's knots cannot.*refine='auto'"):
-        pt.transfer(*notched(*SLOT, spans=3))
+        pt.transfer(*notched(*SLOT, spans=3), refine="never")
 
 
 @pytest.mark.parametrize("continuity", ["c1", "g1"])
@@ -306,9 +306,31 @@ def test_arguments_of_another_type_are_named(changed, message):
 @pytest.mark.parametrize("notch", [[[1, 0.1]], [[1.02, 1], [1.0, 0.02], [0.98, 1]]])
 def test_a_boundary_that_is_missed_is_told(notch):
     """Also when all samples of the side lie on the target, which the fit may cut short."""
-    result = pt.transfer(*notched(*notch), on_failure="return")
+    case = notched(*notch)
+    result = pt.transfer(*case, refine="never", on_failure="return")
     assert result.boundary_error > 0.04
+    assert result.missed
+    assert not result.succeeded
     assert any("boundary loop 0" in warning and "refine" in warning for warning in result.warnings)
+    with pytest.raises(pt.NotCertifiedError) as caught:
+        pt.transfer(*case, refine="never")
+    assert caught.value.result.multipatch == result.multipatch
+    if result.certificate.injective:
+        assert isinstance(caught.value, pt.BoundaryMissedError)
+        assert f"misses the target by {result.boundary_error:.2g} of its diameter" in str(caught.value)
+
+
+def test_what_is_met_roughly_is_a_success():
+    """Up to five tolerances are a fit, told by its error; "tolerance" refines it, "auto" does not."""
+    mp, target, landmarks = hard()
+    error = pt.transfer(mp, target, landmarks, refine="never", on_failure="return").boundary_error
+    rough = pt.transfer(mp, target, landmarks, fit_tolerance=error / 4)
+    assert rough.succeeded
+    assert not rough.refined
+    assert rough.boundary_error == pytest.approx(error, rel=0.2)
+    fine = pt.transfer(mp, target, landmarks, fit_tolerance=error / 4, refine="tolerance")
+    assert fine.refined
+    assert fine.boundary_error <= error / 4
 
 
 def hard() -> tuple[pt.MultiPatch, Boundary, np.ndarray]:
@@ -354,19 +376,21 @@ def test_the_paper_method_may_fail_where_ours_does_not():
             pt.transfer(mp, target, landmarks, method="paper")
 
 
-def test_refinement_is_allowed_by_auto_only():
+def test_refinement_where_the_target_is_missed():
     mp, target, landmarks = hard()
-    coarse = pt.transfer(mp, target, landmarks, on_failure="return")
+    coarse = pt.transfer(mp, target, landmarks, refine="never", on_failure="return")
     assert coarse.boundary_error > 1e-3
     assert coarse.multipatch.topology.n_points == mp.topology.n_points
     assert any("refine the source" in warning for warning in coarse.warnings)
-    fine = pt.transfer(mp, target, landmarks, refine="auto")
+    fine = pt.transfer(mp, target, landmarks)
+    assert fine.refined
     assert fine.boundary_error < coarse.boundary_error / 4
     assert any("the source was refined" in warning for warning in fine.warnings)
     # Only along the two sides that miss it: the strip across keeps its knots.
     assert sorted(np.unique(k).size for k in fine.multipatch.patches[0].knots) == [3, 9]
     # Nothing is refined that needs no refinement.
-    easy = pt.transfer(mp, *targets.deformed(mp, targets.bend(mp, 10)), refine="auto")
+    easy = pt.transfer(mp, *targets.deformed(mp, targets.bend(mp, 10)))
+    assert not easy.refined
     assert easy.multipatch.topology.n_points == mp.topology.n_points
 
 

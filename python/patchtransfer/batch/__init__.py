@@ -28,7 +28,7 @@ from ..errors import InputError, TransferError
 from ..files import json_text, write_atomic
 from ..pipeline.options import Options
 from ..pipeline.plan import TransferPlan
-from ..pipeline.result import NotCertifiedError
+from ..pipeline.result import NotCertifiedError, failure_of
 
 __all__ = ["BatchOptions", "BatchRow", "run_batch", "write_summary"]
 
@@ -59,12 +59,14 @@ class BatchRow:
     status : str
         The certificate's status, or "failed" without a result.
     ok : bool
-        Whether there is a certified result.
+        Whether there is a certified result that meets the target.
     skipped : bool
         Whether it was finished before.
     output : str or None
         The result's file.
     min_scaled_jacobian, mean_scaled_jacobian, boundary_error, confidence, seconds : float or None
+    refined : bool or None
+        Whether the result has more knots than the source, so that it has no coefficients in common with the others.
     landmarks : bool
         Whether a landmarks file was used.
     error : str or None
@@ -79,6 +81,7 @@ class BatchRow:
     min_scaled_jacobian: float | None = None
     mean_scaled_jacobian: float | None = None
     boundary_error: float | None = None
+    refined: bool | None = None
     confidence: float | None = None
     seconds: float | None = None
     landmarks: bool = False
@@ -261,7 +264,7 @@ def _transfer(plan: TransferPlan, job: _Job, options: BatchOptions) -> BatchRow:
             # A result of an earlier target of this name.
             job.output.unlink(missing_ok=True)
     else:
-        metrics, good = result.quality.scaled_jacobian, result.certificate.injective
+        metrics, good = result.quality.scaled_jacobian, result.succeeded
         io.write(result.multipatch, job.output)
         digest = hashlib.sha256(job.output.read_bytes()).hexdigest()
         content = result.to_dict()
@@ -273,10 +276,11 @@ def _transfer(plan: TransferPlan, job: _Job, options: BatchOptions) -> BatchRow:
             min_scaled_jacobian=metrics.min,
             mean_scaled_jacobian=metrics.mean,
             boundary_error=result.boundary_error,
+            refined=result.refined,
             confidence=result.registration.confidence,
             seconds=time.perf_counter() - begin,
             landmarks=landmarks,
-            error=None if good else str(result.certificate),
+            error=None if good else str(failure_of(result)),
         )
     content |= {"error": row.error, "batch": {"key": job.key, "output_sha256": digest, "row": asdict(row)}}
     # Last, so that a target that was interrupted is not finished.

@@ -318,8 +318,8 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
                 type=click.Choice(CHOICES["refine"]),
                 default=Options.refine,
                 show_default=True,
-                help="auto: insert knots into the source where it misses the target; refine it if no certified map is "
-                "found.",
+                help="auto: insert knots into the source where it misses the target by 5 times the fit tolerance; "
+                "refine it if no certified map is found. tolerance: wherever it misses by more than the tolerance.",
             ),
             fit_tolerance_option,
             click.option(
@@ -373,10 +373,12 @@ def deliver(
 ) -> None:
     """Write pictures (path, or None for none, and what draws there), model and report, all or none of them."""
     from .. import io
+    from ..pipeline.result import failure_of
 
     content = result.to_dict()
-    if not result.certificate.injective:
-        content["error"] = str(result.certificate)
+    error = failure_of(result)
+    if error is not None:
+        content["error"] = str(error)
     with all_or_nothing(output, *(path for path, _ in pictures), report.path):
         for path, draw in pictures:
             if path is not None:
@@ -388,9 +390,9 @@ def deliver(
 
 
 def leave(result: TransferResult) -> NoReturn:
-    """End with the result's warnings and the status of its certificate."""
+    """End with the result's warnings and status."""
     warn(result.warnings)
-    sys.exit(0 if result.certificate.injective else NOT_CERTIFIED)
+    sys.exit(0 if result.succeeded else NOT_CERTIFIED)
 
 
 def draw_patches(result: TransferResult, path: str) -> None:

@@ -14,7 +14,7 @@ from ..measure.continuity import check_continuity
 from ..measure.quality import quality
 from ..proof.certificate import check_boundary
 from ..registration.register import Registration
-from .options import Run
+from .options import MISSED, Run
 from .posed import Posed, Registered, no_proof
 from .result import TransferResult
 from .sliding import SlideReport, slide_joints
@@ -101,6 +101,7 @@ def measure(
         continuity=continuity,
         rows=found.rows,
         boundary_error=posed.fitted.error,
+        missed=posed.fitted.error > MISSED * run.options.fit_tolerance,
         registration=posed.registration,
         fitted=posed.fitted,
         corner_bound=posed.corner_bound,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import KW_ONLY, dataclass, fields, replace
 from numbers import Real
 from typing import Self, TypedDict, cast
@@ -9,11 +10,13 @@ from typing import Self, TypedDict, cast
 from ..errors import InputError
 from ..progress import Budget, Clock, Progress
 
-__all__ = ["CHOICES", "Options", "Run", "SearchOptions", "TransferOptions", "options_of"]
+__all__ = ["CHOICES", "MISSED", "Options", "Run", "SearchOptions", "TransferOptions", "options_of"]
 
+#: A boundary error above so many fit tolerances is no success: the target was missed, not met roughly.
+MISSED = 5.0
 CHOICES = {
     "method": ("certified", "paper"),
-    "refine": ("never", "auto"),
+    "refine": ("auto", "never", "tolerance"),
     "on_failure": ("raise", "return"),
 }
 
@@ -45,7 +48,7 @@ class Options:
     """
 
     method: str = "certified"
-    refine: str = "never"
+    refine: str = "auto"
     fit_tolerance: float = 1e-3
     _: KW_ONLY
     fixed_correspondence: bool | None = None
@@ -69,6 +72,11 @@ class Options:
         if self.fixed_correspondence is not None:
             return self
         return replace(self, fixed_correspondence=given or self.method == "paper")
+
+    @property
+    def refined_beyond(self) -> float:
+        """Boundary error above which knots are inserted into the source."""
+        return {"never": math.inf, "auto": MISSED * self.fit_tolerance, "tolerance": self.fit_tolerance}[self.refine]
 
     def keywords(self) -> TransferOptions:
         """As keyword arguments of a transfer."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from typing import NamedTuple, Unpack
 
 import numpy as np
@@ -28,7 +29,7 @@ from .accepted import accepted
 from .inside import measure, slide, solve
 from .options import Run, SearchOptions, TransferOptions, options_of
 from .posed import Registered, no_proof
-from .result import TransferResult, not_certified
+from .result import TransferResult, failure_of
 from .sliding import movable_joints
 from .source_boundary import SourceBoundary
 from .tasks import TransferTask, in_order
@@ -72,17 +73,20 @@ def transfer(
         distortion, distortion descent; its result is certified as well, but nothing forces it to be injective.
     progress : callable, optional
         Called as ``progress(stage, step, energy, smallest_determinant)``.
-    refine : {"never", "auto"}, default "never"
+    refine : {"auto", "never", "tolerance"}, default "auto"
         "auto" inserts knots into the source, in whole strips of patches, where its boundary misses the target by
-        more than `fit_tolerance`, and refines it uniformly once if no certified map is found.
+        more than five times `fit_tolerance`, until it is met, and refines the source uniformly once if no certified
+        map is found; the result's ``refined`` and a warning tell. "tolerance" does so wherever the boundary misses by
+        more than `fit_tolerance`. Patches are never split.
     fit_tolerance : float, default 1e-3
         Boundary error, relative to the target's diameter, that the fit should reach.
     fixed_correspondence : bool, optional
         False lets boundary joints that are neither corners nor landmarks slide along the target to lower the
         distortion (see `slide_joints`; method "certified" only). Default True with landmarks, False without.
     on_failure : {"raise", "return"}, default "raise"
-        What to do when no certified map is found: raise `NotCertifiedError` (the best map is its ``result``) or
-        return the result with ``certificate.injective == False``.
+        What to do when no certified map is found, or one that misses the target by more than five times
+        `fit_tolerance`: raise `NotCertifiedError` or its subclass `BoundaryMissedError` (the best map is its
+        ``result``), or return the result with ``succeeded == False``.
     time_limit : float, optional
         Seconds, counted from when the source is prepared, after which searches end with the best map so far; a warning
         says so. They look at the clock between steps. A result that was cut may differ from run to run, others do not
@@ -99,7 +103,7 @@ def transfer(
         On a folded, rational or disconnected source, bad landmarks or options.
     InfeasibleTargetError
         When no injective parameterization with this topology exists on the target.
-    NotCertifiedError
+    NotCertifiedError, BoundaryMissedError
         See `on_failure`.
     """
     return TransferPlan(source, continuity).transfer(target, landmarks, progress=progress, method=method, **options)
@@ -149,12 +153,12 @@ class TransferPlan:
         movable = [] if chosen.fixed_correspondence else movable_joints(registered.registration, landmarks)
         fitted = self._boundary.fit(registered.registration, run)
         plan, notes = self, list(self._notes)
-        if chosen.refine == "auto":
+        if fitted.error > chosen.refined_beyond:
             plan, registered, fitted, refined = self._refined_to_tolerance(registered, fitted, run)
             notes += refined
             run = run.part(HALF)
         result = plan._attempt(registered, fitted, movable, run)
-        if chosen.refine == "auto" and not result.certificate.injective and not run.budget.expired():
+        if chosen.refine != "never" and not result.certificate.injective and not run.budget.expired():
             plan, registered = plan._refined(span_middles(plan.source.patches), registered)
             fitted = plan._boundary.fit(registered.registration, run)
             finer = plan._attempt(registered, fitted, movable, run)
@@ -163,9 +167,11 @@ class TransferPlan:
             else:
                 note = "a uniform refinement of the source was tried: no certified map was found"
             notes.append(note)
-        result = result.with_warnings(notes)
-        if chosen.on_failure == "raise" and not result.certificate.injective:
-            raise not_certified(result)
+        points = (result.multipatch.topology.n_points, self.source.topology.n_points)
+        result = replace(result.with_warnings(notes), refined=points[0] != points[1])
+        error = failure_of(result) if chosen.on_failure == "raise" else None
+        if error is not None:
+            raise error
         return result
 
     def _attempt(

@@ -19,7 +19,7 @@ from ..registration.register import Registration
 from .posed import Failure
 from .sliding import SlideReport
 
-__all__ = ["NotCertifiedError", "TransferResult", "not_certified"]
+__all__ = ["BoundaryMissedError", "NotCertifiedError", "TransferResult", "failure_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +41,8 @@ class TransferResult:
         found to apply them to.
     boundary_error : float
         Hausdorff distance of the boundary to the target, relative to the target's diameter.
+    missed : bool
+        Whether that is above five times the fit tolerance: what is certified then is another shape.
     registration : Registration
         Which boundary points correspond, with a confidence.
     fitted : FittedBoundary
@@ -62,6 +64,8 @@ class TransferResult:
         Energies of the sliding joints' rounds; None where no joints were to slide.
     stopped : str or None
         Why the search ended early, where its time or its budget of steps did not suffice.
+    refined : bool
+        Whether the source got more knots, so that the result's spline space is not the source's.
     """
 
     multipatch: MultiPatch
@@ -70,6 +74,7 @@ class TransferResult:
     continuity: ContinuityReport
     rows: ActiveRows | None
     boundary_error: float
+    missed: bool
     registration: Registration
     fitted: FittedBoundary
     corner_bound: float
@@ -81,6 +86,12 @@ class TransferResult:
     paper_history: PaperHistory | None = None
     sliding: SlideReport | None = None
     stopped: str | None = None
+    refined: bool = False
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the map is proved injective and its boundary meets the target."""
+        return self.certificate.injective and not self.missed
 
     @property
     def fit_failed(self) -> bool:
@@ -99,6 +110,8 @@ class TransferResult:
             "corner_bound": self.corner_bound,
             "continuity": self.continuity.to_dict() | {"rows": None if self.rows is None else self.rows.to_dict()},
             "boundary_error": self.boundary_error,
+            "boundary_missed": self.missed,
+            "refined": self.refined,
             "registration": {
                 "joints": [{"source": a.tolist(), "target": b.tolist()} for a, b in self.registration.joints],
                 "confidence": self.registration.confidence,
@@ -142,8 +155,23 @@ class NotCertifiedError(TransferError):
         self.result = result
 
 
-def not_certified(result: TransferResult) -> NotCertifiedError:
-    """The error of a transfer without a certified map."""
+class BoundaryMissedError(NotCertifiedError):
+    """The map is certified, but its boundary is not the target: the certificate proves another shape."""
+
+
+def failure_of(result: TransferResult) -> NotCertifiedError | None:
+    """The error of a transfer without a certified map of the target; None for a success."""
+    if result.succeeded:
+        return None
+    if result.certificate.injective:
+        side = max((side for sides in result.fitted.loops for side in sides), key=lambda side: side.error)
+        x, y = side.curve(sum(side.curve.domain) / 2).tolist()
+        tried = "even with more knots" if result.refined else "try --refine auto (refine='auto') or more landmarks"
+        return BoundaryMissedError(
+            f"the boundary misses the target by {result.boundary_error:.2g} of its diameter, most along the side "
+            f"about ({x:.4g}, {y:.4g}): {tried}; --keep-uncertified (on_failure='return') gives the map",
+            result,
+        )
     failure = result.failure
     reasons = "; ".join(result.certificate.reasons[:3]) if failure is None else failure.reason
     cut = "" if result.stopped is None else f"; {result.stopped}"

@@ -47,6 +47,7 @@ def from_layout(
     *,
     assignment: Mapping[int, Sequence[float]] | None = None,
     fit_tolerance: float = 1e-3,
+    refine: str = "auto",
     on_failure: str = "raise",
 ) -> TransferResult:
     """Parameterize a domain from a coarse quad layout and its boundary curves.
@@ -66,7 +67,7 @@ def from_layout(
     assignment : mapping, optional
         Boundary points (x, y) of boundary vertices that are not to go to the nearest one. With all boundary vertices
         named, any quads that form a disk with holes will do, as those of `QuadLayout.abstract`.
-    fit_tolerance, on_failure
+    fit_tolerance, refine, on_failure
         As in `transfer`.
 
     Returns
@@ -115,10 +116,17 @@ def from_layout(
         landmarks = np.concatenate([np.column_stack([layout.vertices[x.vertices], x.points]) for x in places])
     _check_corners(layout, start, boundary, landmarks)
     result: TransferResult | None = None
-    for _ in range(MEASURING_ROUNDS):
+    for k in range(MEASURING_ROUNDS):
         # The sides of the rectangles follow the patches, which follow the rectangles.
         plan = TransferPlan(start, "c0", reference=shape)
-        result = plan.transfer(boundary, landmarks, fit_tolerance=fit_tolerance, on_failure=on_failure)
+        last = k == MEASURING_ROUNDS - 1
+        result = plan.transfer(
+            boundary,
+            landmarks,
+            fit_tolerance=fit_tolerance,
+            refine=refine if last else "never",
+            on_failure=on_failure if last else "return",
+        )
         shape = rectangles(result.multipatch)
     assert result is not None
     return result

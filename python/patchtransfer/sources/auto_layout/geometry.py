@@ -49,6 +49,7 @@ def filled(
             spans,
             assignment=with_places(layout, outlines).assignment,
             fit_tolerance=fit_tolerance,
+            refine="never",
             on_failure="return",
         )
     except (InfeasibleTargetError, InputError) as error:
@@ -71,7 +72,12 @@ def sliding(
         plan = TransferPlan(result.multipatch, "c0", reference=rectangles(result.multipatch))
         try:
             result = plan.transfer(
-                boundary, landmarks, fixed_correspondence=False, fit_tolerance=fit_tolerance, on_failure="return"
+                boundary,
+                landmarks,
+                fixed_correspondence=False,
+                fit_tolerance=fit_tolerance,
+                refine="never",
+                on_failure="return",
             )
         except InfeasibleTargetError:
             return

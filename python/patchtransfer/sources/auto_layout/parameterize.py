@@ -19,7 +19,7 @@ from ...measure.quality import quality
 from ...numeric.arrays import FloatArray, IntArray
 from ...pipeline.options import Options
 from ...pipeline.plan import TransferPlan
-from ...pipeline.result import NotCertifiedError, TransferResult
+from ...pipeline.result import NotCertifiedError, TransferResult, failure_of
 from ...progress import Clock
 from ...proof.certificate import certify
 from ...proof.feasibility import check_loops
@@ -183,8 +183,9 @@ def parameterize(
     places = {int(v): tuple(vertices[v].tolist()) for v in best.layout.boundary_vertices}
     layout = QuadLayout.abstract(best.layout.quads, vertices, places)
     found = Parameterization.of(replace(result, timings=clock.seconds), layout, candidates, log)
-    if on_failure == "raise" and not found.certificate.injective:
-        raise NotCertifiedError(f"no certified map was found ({found.certificate.status}): {found.certificate}", found)
+    error = failure_of(found) if on_failure == "raise" else None
+    if error is not None:
+        raise error
     return found
 
 
@@ -338,7 +339,7 @@ def _finished(best: Candidate, task: _Task, log: list[str]) -> TransferResult:
     result = best.result
     if best.reason is None and result.boundary_error > task.wishes.fit_tolerance:
         log.append(f"boundary error {result.boundary_error:.1e}: knots are inserted where sides miss the outline")
-        result = _joined(result.multipatch, task, "c0", refine="auto")
+        result = _joined(result.multipatch, task, "c0", refine="tolerance")
     elif best.reason is None:
         result = _symmetric(best, result, task, log)
     if task.wishes.continuity != "c0" and result.certificate.injective:
