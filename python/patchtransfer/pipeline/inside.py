@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fitting.fit import FittedBoundary, fit_boundary
+from ..fitting.fit import FittedBoundary
 from ..interior.solver import InteriorMap, InteriorSolver
 from ..measure.continuity import check_continuity
 from ..measure.quality import quality
@@ -35,7 +35,7 @@ def slide(
         return posed, None
 
     def refit(moved: Registration) -> FittedBoundary | None:
-        trial = fit_boundary(moved, boundary.single, tolerance=run.options.fit_tolerance)
+        trial = boundary.free_fit(moved, run.options.fit_tolerance)
         check = boundary.check(trial)
         return trial if check.failure is None and check.degenerate == posed.degenerate else None
 

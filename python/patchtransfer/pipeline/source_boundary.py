@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InfeasibleTargetError
-from ..fitting.fit import FREE, SMOOTH_ANGLE, FittedBoundary, fit_boundary
+from ..fitting.fit import FREE, SMOOTH_ANGLE, STIFF, FittedBoundary, fit_boundary
 from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..geometry.outline import Outline
@@ -92,12 +92,22 @@ class SourceBoundary:
         with run.clock("fitting"):
             if run.options.method == "paper":
                 return fit_boundary(registration, parameters="uniform", tolerance=tolerance)
-            fitted = fit_boundary(registration, self.single, tolerance=tolerance)
-            if fitted.error <= MISSED * tolerance:
-                return fitted
-            free = fit_boundary(registration, self.single, tolerance=tolerance, stiffness=FREE)
-        with run.clock("feasibility"):
-            return free if free.error < fitted.error and self.check(free).failure is None else fitted
+            return self.free_fit(registration, tolerance)
+
+    def free_fit(self, registration: Registration, tolerance: float) -> FittedBoundary:
+        """The first of the fits that meets the target, else the best that allows an injective map.
+
+        Rules give way in this order: first sides need not stay near the source's shape, then corners of one patch need
+        not turn as the target does there. Sides with a single point between their ends have no freedom for both.
+        """
+        best = fit_boundary(registration, self.single, tolerance=tolerance)
+        for single, stiffness in ((self.single, FREE), (None, STIFF)):
+            if best.error <= MISSED * tolerance:
+                break
+            freer = fit_boundary(registration, single, tolerance=tolerance, stiffness=stiffness)
+            if freer.error < best.error and self.check(freer).failure is None:
+                best = freer
+        return best
 
     def check(self, fitted: FittedBoundary) -> FitCheck:
         """Loops and corners of a fit.
