@@ -69,7 +69,7 @@ def test_automatic_refinement_reaches_the_fit_tolerance(name):
     coarse = pt.transfer(mp, target, landmarks, fit_tolerance=1e-5)
     assert coarse.boundary_error > 1e-5
     assert any("refine the source" in w for w in coarse.warnings)
-    result = pt.transfer(mp, target, landmarks, fit_tolerance=1e-5, refine="auto")
+    result = pt.transfer(mp, target, landmarks, fit_tolerance=1e-5, refine="tolerance")
     assert result.certificate.injective
     assert result.boundary_error <= 1e-5
     assert any("the source was refined" in w for w in result.warnings)
@@ -86,7 +86,7 @@ def test_refinement_keeps_the_room_that_exact_g1_needs():
     """Found by trial: simple knots made the plan refuse its own source."""
     mp = models.ALL["l-shape p3"]().split_spans().reduce_continuity(1)
     target, landmarks = targets.deformed(mp, targets.bump(mp, (0.8, 0.5), (0.15, 0.1), 0.15), seed=3, degree=3)
-    result = pt.transfer(mp, target, landmarks, "g1", fit_tolerance=1e-5, refine="auto")
+    result = pt.transfer(mp, target, landmarks, "g1", fit_tolerance=1e-5, refine="tolerance")
     assert result.certificate.injective
     assert result.boundary_error <= 1e-5
     assert any("the source was refined" in w for w in result.warnings)
@@ -98,7 +98,7 @@ def test_refinement_keeps_the_room_that_exact_g1_needs():
 def test_nothing_is_refined_within_the_tolerance():
     mp = models.grid(2, 2, 3, 2)
     target, landmarks = targets.deformed(mp, targets.bend(mp, 20))
-    result = pt.transfer(mp, target, landmarks, refine="auto", fit_tolerance=1e-2)
+    result = pt.transfer(mp, target, landmarks, refine="tolerance", fit_tolerance=1e-2)
     assert result.multipatch.topology.n_points == mp.topology.n_points
     assert not any("refined" in w for w in result.warnings)
 
