@@ -69,7 +69,7 @@ class SourceBoundary:
             notes = check_loops(target.loops, "target boundary") if same else []
         with run.clock("registration"):
             paper = run.options.method == "paper"
-            registration = register(self._outlines, target, landmarks, marked_curves=paper)
+            registration = register(self._outlines, target, landmarks, marked_curves=paper, single_patch=self.single)
         with run.clock("feasibility"):
             images = [loop.joints[:-1] for loop in registration.loops]
             check_target_corners(

@@ -23,6 +23,7 @@ from ..limits import MAX_CORNERS, at_most
 from ..numeric.arrays import FloatArray
 from ..numeric.dense import svd
 from .corners import close_turn, corners_between, missed_corners, snap_corners
+from .free_joints import joints_to_corners
 from .landmarks import landmark_anchors, pair_by_landmarks, place_landmarks, read_landmark_rows
 from .matches import HOPE, HOPELESS, Match, WholeMatch, match_outer, rank_with_holes, smooth
 from .sampled_boundary import BoundaryShape, cyclic_gap, image_of
@@ -155,6 +156,7 @@ def register(
     landmarks: ArrayLike | None = None,
     *,
     marked_curves: bool = False,
+    single_patch: Sequence[Sequence[bool]] | None = None,
 ) -> Registration:
     """Find the correspondence of source and target boundary.
 
@@ -170,6 +172,8 @@ def register(
     marked_curves : bool, default False
         Follow the paper for source curves that contain a landmark: a maximal run of them is placed by arc length
         between its unmarked neighbours, and the landmarks inside are not interpolated.
+    single_patch : sequences of bool, optional
+        Loop by loop, whether a single patch meets the source's joint: such joints do not go to reentrant corners.
 
     Returns
     -------
@@ -198,7 +202,8 @@ def register(
         outline, other = source_loops[k], target_loops[partner[k]]
         anchors = landmark_anchors(placed[placed["source_loop"] == k], outline, other, k)
         given[k] = anchors if marked_curves else corners_between(anchors, outline, other)
-    loops, warnings = _correspondences(source_loops, target_loops, partner, given, marked_curves)
+    single = single_patch or [[False] * len(outline.curves) for outline in source_loops]
+    loops, warnings = _correspondences(source_loops, target_loops, partner, given, marked_curves, single)
     for k, loop in enumerate(loops):
         if loop.confidence < AMBIGUOUS:
             warnings.append(
@@ -215,6 +220,7 @@ def _correspondences(
     partner: dict[int, int],
     given: dict[int, FloatArray],
     by_arc_length: bool,
+    single: Sequence[Sequence[bool]],
 ) -> tuple[list[LoopRegistration], list[str]]:
     """All loops, and warnings; `given` are the anchors of loops with landmarks, `partner` the loops they pair."""
     settled = {k for k, anchors in given.items() if by_arc_length or _covers_joints(source[k], anchors)}
@@ -228,6 +234,8 @@ def _correspondences(
         anchors = snap_corners(best.anchors, outline, other)
         if by_arc_length and k in given:
             anchors = _place_marked(LoopRegistration(outline, other, anchors, 1.0))
+        if not by_arc_length:
+            anchors = joints_to_corners(anchors, outline, other, best.corners[:, 0], np.asarray(single[k], bool))
         second = matches[k][1] if len(matches[k]) > 1 else None
         runner_up = (
             None
