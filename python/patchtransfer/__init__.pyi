@@ -16,6 +16,7 @@ from .geometry.multipatch import MultiPatch as MultiPatch
 from .geometry.patch import Patch as Patch
 from .geometry.sides import Interface as Interface
 from .geometry.sides import Side as Side
+from .io import convert as convert
 from .io import read as read
 from .io import read_boundary as read_boundary
 from .io import read_landmarks as read_landmarks

@@ -19,6 +19,7 @@ __all__ = [
     "MAX_DEGREE",
     "MAX_FILE_BYTES",
     "MAX_FRAME_POINTS",
+    "MAX_JSON_LISTS",
     "MAX_LANDMARKS",
     "MAX_LAYOUT_BYTES",
     "MAX_LAYOUT_DEGREE",
@@ -35,6 +36,8 @@ __all__ = [
 MAX_FILE_BYTES = 64 * 2**20
 #: Tags of an XML or SVG file, opening and closing ones: each takes up to a kilobyte.
 MAX_TAGS = 1_000_000
+#: Lists and objects of a model in JSON: a million control points with weights have two million. Each takes 64 bytes.
+MAX_JSON_LISTS = 3_000_000
 #: Bytes of a layout, whose lists take twenty times as much when parsed.
 MAX_LAYOUT_BYTES = 4 * 2**20
 #: Degree of patches made on a layout: from 12 on the systems of the inside lose so many digits that patches get worse,

@@ -38,6 +38,7 @@ from ..limits import (
 from ..numeric.arrays import FloatArray
 from .loops import TOLERANCE, chain, check_curves, clamp, close_loop, diameter, in_order
 from .options import DEFAULT, BoundaryOptions
+from .outline_only import OutlineOnlyError
 from .safe_xml import parse_xml
 
 __all__ = ["format_boundary", "format_multipatch", "read_boundary", "read_multipatch"]
@@ -254,12 +255,9 @@ def _multipatch(root: Element) -> MultiPatch:
     if not blocks:
         chosen = [(k, g) for k, g in geometries if g.get("type") not in CURVE_TYPES]
         if not chosen:
-            what = (
-                "only curves; use read_boundary, and parameterize for patches"
-                if geometries or _domains(root)
-                else "no Geometry"
-            )
-            raise InputError(f"holds {what}")
+            if geometries or _domains(root):
+                raise OutlineOnlyError("holds only curves")
+            raise InputError("holds no Geometry")
         names = [g.get("id", "").strip() for _, g in chosen]
         usable = len(set(names)) == len(names) and all(re.fullmatch(r"-?[0-9]{1,17}", name) for name in names)
         patches = _patches(chosen)
