@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..numeric.arrays import FloatArray, frozen_array
-from . import display
+from . import display, exchange
 from .blocks import Block
 from .boundary import Boundary
 from .interfaces import check_interfaces, infer_interfaces
@@ -19,6 +20,14 @@ from .packing import PackedPatches, pack_patches, unpack_patches
 from .patch import Patch
 from .sides import Interface, Side
 from .topology import BoundarySide, Topology, Vertex
+
+if TYPE_CHECKING:
+    import geomdl.multi
+    import meshio
+    import nutils.function
+    import nutils.topology
+    import pyvista
+    import splinepy
 
 __all__ = ["MultiPatch"]
 
@@ -229,6 +238,97 @@ class MultiPatch:
     def boundary(self) -> Boundary:
         """The boundary curves, loop by loop, the domain on their left."""
         return Boundary([[side.curve(self.patches) for side in loop] for loop in self.loops])
+
+    @classmethod
+    def from_splinepy(cls, splines: splinepy.Multipatch | Iterable[splinepy.Spline] | splinepy.Spline) -> MultiPatch:
+        """The model of splinepy's (and gustaf's) objects.
+
+        Parameters
+        ----------
+        splines : splinepy.Multipatch, spline or sequence of splines
+            Of any type, in the plane. Interfaces of a Multipatch are taken over, and inferred of splines alone; numbers
+            of boundaries other than 1 become labels such as "boundary 2".
+        """
+        made: MultiPatch = exchange.call("from_splinepy", splines)
+        return made
+
+    def to_splinepy(self) -> splinepy.Multipatch:
+        """A `splinepy.Multipatch` with the same interfaces; labels become numbers of boundaries from 2, which is told.
+
+        Raises
+        ------
+        InputError
+            Without splinepy: ``pip install 'patchtransfer[splinepy]'``.
+        """
+        return exchange.call("to_splinepy", self)
+
+    @classmethod
+    def from_geomdl(cls, surfaces: Any) -> MultiPatch:
+        """The model of geomdl's surfaces: one, a sequence, or a `SurfaceContainer`; interfaces are inferred."""
+        made: MultiPatch = exchange.call("from_geomdl", surfaces)
+        return made
+
+    def to_geomdl(self) -> geomdl.multi.SurfaceContainer:
+        """A container of surfaces of geomdl, in space with z = 0, on the same knots.
+
+        Raises
+        ------
+        InputError
+            Without geomdl: ``pip install 'patchtransfer[geomdl]'``.
+        """
+        return exchange.call("to_geomdl", self)
+
+    def to_nutils(self) -> tuple[nutils.topology.Topology, nutils.function.Array]:
+        """Domain and geometry of nutils, exact: a knot span is an element.
+
+        Where necessary u and v of patches are turned around, since nutils wants glued sides to run in the same sense.
+        Labels of the boundary are names there: ``domain.boundary["inlet"]``. Models with two sides that have both
+        corners in common and are not glued cannot be coupled in nutils: their patches are left apart, with a warning.
+
+        Returns
+        -------
+        domain : nutils.topology.Topology
+        geom : nutils.function.Array
+            Shape (2,).
+
+        Raises
+        ------
+        InputError
+            Without nutils: ``pip install 'patchtransfer[nutils]'``.
+        """
+        made: tuple[nutils.topology.Topology, nutils.function.Array] = exchange.call("to_nutils", self)
+        return made
+
+    def to_meshio(self, samples: int = 4) -> meshio.Mesh:
+        """A mesh of quadrilaterals through sampled points, which neighbours share, for meshio and scikit-fem.
+
+        Parameters
+        ----------
+        samples : int, default 4
+            Cells of a knot span in each direction; 1 joins the knots by straight lines.
+
+        Returns
+        -------
+        meshio.Mesh
+            Cells "quad", counter-clockwise, and "line", the boundary with the domain on its left, and labelled sides
+            inside. The cell data "patch" are positions of patches; every label is a set of lines.
+
+        Raises
+        ------
+        InputError
+            Without meshio: ``pip install 'patchtransfer[meshio]'``.
+        """
+        return exchange.call("to_meshio", self, samples)
+
+    def to_pyvista(self) -> pyvista.UnstructuredGrid:
+        """A grid of exact Bézier cells, with the data that are written to VTU files.
+
+        Raises
+        ------
+        InputError
+            Without PyVista: ``pip install 'patchtransfer[pyvista]'``.
+        """
+        return exchange.call("to_pyvista", self)
 
     def _repr_png_(self) -> bytes | None:
         return display.as_png(self)
