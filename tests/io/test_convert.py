@@ -42,7 +42,7 @@ def test_outlines_stay_outlines(tmp_path, text, to):
     converted = pt.convert(tmp_path / "a", tmp_path / f"b{to}")
     assert isinstance(converted, Boundary)
     assert pt.read_boundary(tmp_path / f"b{to}") == converted == pt.read_boundary(tmp_path / "a")
-    with pytest.raises(InputError, match=r"a VTU file is written of no boundary; use \.xml, \.npz"):
+    with pytest.raises(InputError, match=r"written of a MultiPatch, not of a Boundary; use \.xml, \.npz"):
         pt.convert(tmp_path / f"b{to}", tmp_path / "c.vtu")
 
 
@@ -119,4 +119,4 @@ def test_outlines_on_the_command_line(tmp_path):
     result = run("convert", tmp_path / "a.csv", tmp_path / "b.npz")
     assert result.stdout.startswith("<Boundary: 1 loops of 3 curves> written to")
     assert pt.read_boundary(tmp_path / "b.npz").loops[0][0].start.tolist() == OUTLINE.loops[0][0].start.tolist()
-    failed(run("convert", tmp_path / "b.npz", tmp_path / "c.json"), 2, r"written of no boundary; use \.xml, \.npz")
+    failed(run("convert", tmp_path / "b.npz", tmp_path / "c.json"), 2, r"not of a Boundary; use \.xml, \.npz")

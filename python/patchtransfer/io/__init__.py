@@ -223,9 +223,11 @@ def _written(geometry: MultiPatch | Boundary, path: Path) -> tuple[str | bytes, 
         raise InputError(f"cannot write a {type(geometry).__name__}; pass a MultiPatch or a Boundary")
     elif chosen.write_boundary:
         return chosen.write_boundary(geometry), []
-    what = "patches" if isinstance(geometry, MultiPatch) else "boundary"
+    other = "Boundary" if isinstance(geometry, MultiPatch) else "MultiPatch"
     able = [f for f in FORMATS if (f.write if isinstance(geometry, MultiPatch) else f.write_boundary)]
-    raise InputError(f"a {chosen.name} file is written of no {what}; use {_extensions(able)}")
+    raise InputError(
+        f"a {chosen.name} file is written of a {other}, not of a {type(geometry).__name__}; use {_extensions(able)}"
+    )
 
 
 def convert(path: str | os.PathLike[str], to: str | os.PathLike[str]) -> MultiPatch | Boundary:
