@@ -52,10 +52,10 @@ def surface(kind=BSpline, points=None, sizes=(2, 3), degrees=(1, 2), knots=([0, 
 def test_surfaces_made_in_geomdl():
     expected = Patch(([0, 0, 1, 1], [0, 0, 0, 1, 1, 1]), (1, 2), [[[i, j] for j in range(3)] for i in range(2)])
     assert MultiPatch.from_geomdl(surface()).patches == (expected,)
-    weighted = surface(NURBS, [[2.0 * i, 2.0 * j, 0.0, 2.0] for i in range(2) for j in range(3)])
+    weighted = surface(NURBS, [[w * i, w * j, 0.0, w] for i, w in ((0, 1.0), (1, 2.0)) for j in range(3)])
     (patch,) = MultiPatch.from_geomdl([weighted])
     assert np.array_equal(patch.control_points, expected.control_points)
-    assert (patch.weights == 2).all()
+    assert patch.weights.tolist() == [[1] * 3, [2] * 3]
 
 
 def test_what_is_no_model():

@@ -116,13 +116,14 @@ def texts(**other) -> np.ndarray:
     return np.frombuffer(json.dumps({"kind": "multipatch"} | other).encode(), np.uint8)
 
 
+TEXTS = {"format": "a", "kind": "b", "text": "c"}
 N = len(MODEL.patches[0].control_points.reshape(-1, 2)) * 2
 FAULTS = {
     "version": (changed(patchtransfer=np.int64(2)), "version 2.*update patchtransfer"),
     "other file": (changed(patchtransfer=None), "not a file that patchtransfer wrote"),
     "missing": (changed(knots=None), "'knots' is missing"),
     "kind of numbers": (changed(knots=np.zeros(3, int)), "'knots' holds int64"),
-    "complex": (changed(more=np.zeros(3, complex)), "'more.npy' holds <c16"),
+    "complex": (changed(more=np.zeros(3, complex)), "'more.npy' is not an array of numbers"),
     "texts": (changed(patchtransfer=np.array("1")), "not an array of numbers"),
     "degree": (changed(degrees=np.full((2, 2), 20)), "20 as degree, at most 19"),
     "degree 0": (changed(degrees=np.zeros((2, 2), int)), "not positive"),
@@ -144,6 +145,11 @@ FAULTS = {
     "label's side": (changed(texts=texts(labels={"a": [[0, 9]]})), "not one of 1, 2, 3, 4"),
     "label's patch": (changed(texts=texts(labels={"a": [[True, 1]]})), "labels are not"),
     "blocks": (changed(texts=texts(blocks=[["a", "b"]])), "blocks are not"),
+    "no blocks": (changed(texts=texts(blocks=3)), "blocks are not"),
+    "field of a block": (changed(texts=texts(blocks=[TEXTS | {"d": 1}])), "blocks are not"),
+    "number in a block": (changed(texts=texts(blocks=[TEXTS | {"text": 1}])), "blocks are not"),
+    "many interfaces": (changed(interfaces=np.ones((5, 5), int)), "5 interfaces .*, at most 4"),
+    "few ids": (changed(ids=np.array([3])), "1 ids for 2 patches"),
     "pickle": (saved({"a": np.array([{}], dtype=object)}), "not an array of numbers"),
 }  # fmt: skip
 
@@ -229,6 +235,8 @@ def test_shapes_that_the_numbers_do_not_fill_are_refused(shape):
         (archive({"a.npy": b""}, zipfile.ZIP_LZMA), "packed in a way"),
         (archive({"a.npy": b"\x93NUMPY\x09\x00"}), "not an array"),
         (archive({"a.npy": header("(" * 2000)}), "not an array"),
+        (archive({"a.npy": header("(1,)", "'<f7'") + bytes(7)}), "no kind of number"),
+        (archive({"a.npy": header("(1,)", "'<a8'") + bytes(8)}), "not an array"),
         (archive({"a.npy": header("*__import__('os').getcwd()")}), "not an array"),
     ],
 )  # fmt: skip

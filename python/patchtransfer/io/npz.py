@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict, fields
 from io import BytesIO
 from typing import Any
 
@@ -43,6 +44,7 @@ from ..limits import (
     MAX_CONTROL_POINTS,
     MAX_CURVES,
     MAX_DEGREE,
+    MAX_JSON_LISTS,
     MAX_LOOPS,
     MAX_PATCHES,
     at_most,
@@ -72,7 +74,7 @@ def format_multipatch(mp: MultiPatch) -> bytes:
     """Contents of a file with everything that a multi-patch has."""
     texts = {
         "labels": {name: [[k, int(side)] for k, side in where] for name, where in mp.sides.items()},
-        "blocks": [[block.format, block.kind, block.text] for block in mp.blocks],
+        "blocks": [asdict(block) for block in mp.blocks],
     }
     rows = [[f.patch_a, f.side_a, f.patch_b, f.side_b, f.reversed] for f in mp.interfaces]
     return _archive(
@@ -159,8 +161,10 @@ def _contents(data: bytes) -> tuple[str, dict[str, NDArray[Any]], dict[str, Any]
     if version.dtype.kind not in "iu" or version.ndim or version != VERSION:
         raise InputError(f"has version {str(version)[:20]} of the format, known is {VERSION}; update patchtransfer")
     _check_arrays(arrays, {"texts": "u"})
+    encoded = arrays["texts"].astype(np.uint8).tobytes()
+    at_most(encoded.count(b"[") + encoded.count(b"{"), MAX_JSON_LISTS, "lists and objects", "split the model")
     try:
-        texts = json.loads(arrays["texts"].astype(np.uint8).tobytes())
+        texts = json.loads(encoded)
         kind = texts["kind"]
         needed = SHARED | OWN[kind]
     except (ValueError, RecursionError, KeyError, TypeError):
@@ -250,10 +254,13 @@ def _multipatch(arrays: dict[str, NDArray[Any]], texts: dict[str, Any]) -> Multi
     at_most(len(arrays["control_points"]), MAX_CONTROL_POINTS, "control points", "coarsen the model or split it")
     patches = [Patch(knots, degrees, points, weights) for knots, degrees, points, weights in _splines(arrays, 2)]
     rows = _column(arrays, "interfaces", 2, 5)
+    at_most(len(rows), 2 * len(patches), "interfaces of patches with four sides each", "write the file again")
     if not np.isin(rows[:, [1, 3]], [side.value for side in Side]).all() or not np.isin(rows[:, 4], (0, 1)).all():
         raise InputError("interfaces: a side is not 1, 2, 3 or 4, or a sense not 0 or 1; write the file again")
     interfaces = [Interface(a, Side(s), b, Side(t), bool(backwards)) for a, s, b, t, backwards in rows.tolist()]
     ids = _column(arrays, "ids", 1).tolist()
+    if len(ids) != len(patches):
+        raise InputError(f"{len(ids)} ids for {len(patches)} patches; write the file again")
     return MultiPatch(patches, interfaces, ids, _labels(texts), _blocks(texts))
 
 
@@ -270,10 +277,13 @@ def _labels(texts: dict[str, Any]) -> dict[str, list[tuple[int, int]]]:
 
 
 def _blocks(texts: dict[str, Any]) -> list[Block]:
-    blocks = texts.get("blocks", [])
-    good = isinstance(blocks, list) and all(
-        isinstance(block, list) and len(block) == 3 and all(isinstance(text, str) for text in block) for block in blocks
-    )
+    # By the names of the fields, so that a block keeps those that it may get.
+    kinds = {field.name: field.type for field in fields(Block)}
+    try:
+        blocks = [Block(**block) for block in texts.get("blocks", [])]
+        good = all(type(getattr(block, name)).__name__ == kind for block in blocks for name, kind in kinds.items())
+    except TypeError:
+        good = False
     if not good:
-        raise InputError("texts: blocks are not lists of three texts; write the file again")
-    return [Block(*block) for block in blocks]
+        raise InputError("texts: blocks are not objects of texts; write the file again")
+    return blocks

@@ -30,7 +30,7 @@ LOCATOR_BYTES = 20
 MAX_LIST_BYTES = 2**16
 #: Start of an array as NumPy writes it: version 1.0, length of the rest, kind and size of numbers, order, shape.
 HEADER = re.compile(
-    rb"\x93NUMPY\x01\x00..\{'descr': '([<>|][a-z]\d{1,2})', 'fortran_order': (True|False), "
+    rb"\x93NUMPY\x01\x00..\{'descr': '([<>|](?:b1|[iuf]\d{1,2}))', 'fortran_order': (True|False), "
     rb"'shape': \(((?:\d{1,12}(?:, |,)?){0,4})\), \} *\n",
     re.DOTALL,
 )
@@ -89,9 +89,7 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
     try:
         dtype = np.dtype(header[1].decode())
     except TypeError:
-        dtype = np.dtype(object)
-    if dtype.kind not in "biuf":
-        raise InputError(f"the array {name!r} holds {header[1].decode()}, and only numbers are read")
+        raise InputError(f"the array {name!r} holds {header[1].decode()}, which is no kind of number") from None
     shape = [int(n) for n in header[3].replace(b",", b" ").split()]
     size = len(content) - header.end()
     if prod(shape) * dtype.itemsize != size:
