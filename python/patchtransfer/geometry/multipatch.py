@@ -259,6 +259,13 @@ class MultiPatch:
         ------
         InputError
             Without splinepy: ``pip install 'patchtransfer[splinepy]'``.
+
+        Examples
+        --------
+        >>> from patchtransfer.examples import load
+        >>> made = load("frame")[0].to_splinepy()
+        >>> len(made.patches), made.dim
+        (14, 2)
         """
         return exchange.call("to_splinepy", self)
 
@@ -275,6 +282,12 @@ class MultiPatch:
         ------
         InputError
             Without geomdl: ``pip install 'patchtransfer[geomdl]'``.
+
+        Examples
+        --------
+        >>> from patchtransfer.examples import load
+        >>> [surface.degree_u for surface in load("star")[0].to_geomdl()]
+        [3, 3, 3, 3, 3, 3]
         """
         return exchange.call("to_geomdl", self)
 
@@ -295,6 +308,13 @@ class MultiPatch:
         ------
         InputError
             Without nutils: ``pip install 'patchtransfer[nutils]'``.
+
+        Examples
+        --------
+        >>> from patchtransfer.examples import load
+        >>> domain, geom = load("star")[0].to_nutils()
+        >>> len(domain), geom.shape
+        (54, (2,))
         """
         made: tuple[nutils.topology.Topology, nutils.function.Array] = exchange.call("to_nutils", self)
         return made
@@ -317,6 +337,13 @@ class MultiPatch:
         ------
         InputError
             Without meshio: ``pip install 'patchtransfer[meshio]'``.
+
+        Examples
+        --------
+        >>> from patchtransfer.examples import load
+        >>> mesh = load("star")[0].to_meshio(samples=2)
+        >>> {kind: len(cells) for kind, cells in mesh.cells_dict.items()}
+        {'quad': 216, 'line': 72}
         """
         return exchange.call("to_meshio", self, samples)
 
