@@ -1,13 +1,15 @@
 """Stage 0, input and output: files to `MultiPatch` and `Boundary`, and back.
 
-=========  ==========  =======================================  ==============================
-format     extensions  holds                                    reads / writes
-=========  ==========  =======================================  ==============================
-G+Smo XML  .xml        patches, boundary curves                 multi-patch, boundary / both
-CSV        .csv, .txt  points of closed outlines, landmarks     boundary, landmarks / –
-SVG        .svg        closed paths and shapes                  boundary / –
-VTU        .vtu        Bézier quadrilaterals                    – / multi-patch
-=========  ==========  =======================================  ==============================
+===============  ==========  =======================================  ==============================
+format           extensions  holds                                    reads / writes
+===============  ==========  =======================================  ==============================
+G+Smo XML        .xml        patches, boundary curves                 multi-patch, boundary / both
+GeoPDEs          .txt        patches, named boundaries                multi-patch, boundary / multi-patch
+MFEM NURBS mesh  .mesh       patches, boundary attributes             multi-patch, boundary / multi-patch
+CSV              .csv, .txt  points of closed outlines, landmarks     boundary, landmarks / –
+SVG              .svg        closed paths and shapes                  boundary / –
+VTU              .vtu        Bézier quadrilaterals                    – / multi-patch
+===============  ==========  =======================================  ==============================
 
 A format is one entry of `FORMATS` (`formats`); its functions take and return the contents of files, and raise
 `InputError` without the path, which is added here.
@@ -16,11 +18,12 @@ A format is one entry of `FORMATS` (`formats`); its functions take and return th
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, InputWarning
 from ..files import read_bytes, write_atomic
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
@@ -42,7 +45,7 @@ def _naming(path: Path) -> Iterator[None]:
 
 
 def _extensions(formats: list[Format]) -> str:
-    return ", ".join(extension for f in formats for extension in f.extensions)
+    return ", ".join(dict.fromkeys(extension for f in formats for extension in f.extensions))
 
 
 def _format_of(path: Path, data: bytes) -> Format:
@@ -62,8 +65,9 @@ def read(path: str | os.PathLike[str]) -> MultiPatch:
     Parameters
     ----------
     path : path
-        A G+Smo XML file. Of several ``MultiPatch`` blocks the first is read, as in G+Smo (with a warning);
-        without any, all patches of the file. Interfaces that the file does not state are inferred.
+        A G+Smo XML file, a GeoPDEs text file or an MFEM NURBS mesh. Of several ``MultiPatch`` blocks the first is
+        read, as in G+Smo (with a warning); without any, all patches of the file. Interfaces that the file does not
+        state are inferred.
 
     Returns
     -------
@@ -172,16 +176,26 @@ def read_layout(path: str | os.PathLike[str]) -> LayoutFile:
         return parse_layout(read_bytes(path), path.parent, read_boundary)
 
 
-def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None:
-    """Write a multi-patch or a boundary as G+Smo XML, or a multi-patch as VTU (for ParaView), atomically.
+def _warn_of_lost(model: MultiPatch, format_: str) -> None:
+    """Name the blocks of other formats; comments are not worth a word."""
+    lost = [block for block in model.blocks if block.format != format_ and block.kind != "comment"]
+    if lost:
+        names = ", ".join(dict.fromkeys(block.kind for block in lost))
+        doubt = f"{names} of {lost[0].format} cannot be kept in {format_}, and are left out"
+        warnings.warn(doubt, InputWarning, stacklevel=3)
 
-    Numbers are written in full, so that reading gives back the same bits.
+
+def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None:
+    """Write a multi-patch or a boundary as G+Smo XML, or a multi-patch for GeoPDEs, MFEM or ParaView (VTU), atomically.
+
+    Numbers are written in full, so that reading gives back the same bits; but GeoPDEs' control points are multiplied by
+    their weights, which rounds.
 
     Parameters
     ----------
     geometry : MultiPatch or Boundary
     path : path
-        Must end in ``.xml`` or ``.vtu``; an existing file is replaced.
+        Must end in ``.xml``, ``.txt`` (GeoPDEs), ``.mesh`` (MFEM) or ``.vtu``; an existing file is replaced.
 
     Raises
     ------
@@ -196,6 +210,7 @@ def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None
         if chosen is None:
             raise InputError(f"cannot write {path.suffix or 'a file without extension'}; use {_extensions(formats)}")
         if isinstance(geometry, MultiPatch) and chosen.write:
+            _warn_of_lost(geometry, chosen.name)
             text = chosen.write(geometry)
         elif isinstance(geometry, Boundary) and chosen.write_boundary:
             text = chosen.write_boundary(geometry)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
-from . import gismo, points, svg, vtu
+from . import geopdes, gismo, mfem, points, svg, vtu
 from .options import BoundaryOptions
 
 __all__ = ["FORMATS", "BoundaryOptions", "Format"]
@@ -47,6 +47,27 @@ FORMATS = (
         gismo.format_boundary,
     ),
     Format("SVG", (".svg",), lambda data: _first_tag(data) == b"svg", read_boundary=svg.read_boundary),
-    Format("CSV", (".csv", ".txt"), points.looks_like_points, read_boundary=points.read_boundary),
+    Format(
+        "CSV",
+        (".csv", ".txt"),
+        lambda data: points.looks_like_points(data) and not geopdes.looks_like_geopdes(data),
+        read_boundary=points.read_boundary,
+    ),
+    Format(
+        "GeoPDEs",
+        (".txt",),
+        geopdes.looks_like_geopdes,
+        geopdes.read_multipatch,
+        geopdes.read_boundary,
+        geopdes.format_multipatch,
+    ),
+    Format(
+        "MFEM NURBS mesh",
+        (".mesh",),
+        mfem.looks_like_mfem,
+        mfem.read_multipatch,
+        mfem.read_boundary,
+        mfem.format_multipatch,
+    ),
     Format("VTU", (".vtu",), lambda data: _first_tag(data) == b"VTKFile", write=vtu.format_multipatch),
 )
