@@ -27,7 +27,7 @@ with atheris.instrument_imports(include=["patchtransfer", "svgpathtools"]):
     import patchtransfer as pt
     from patchtransfer import io
     from patchtransfer.files import json_text
-    from patchtransfer.io import gismo, layout_json, npz, points, splinepy_json, svg
+    from patchtransfer.io import geopdes, gismo, layout_json, mfem, npz, points, splinepy_json, svg
 
 #: Above what a run takes by itself, and above atheris' own tables.
 MEMORY = 2 * 2**30
@@ -36,6 +36,9 @@ CERTIFIED_POINTS = 400
 LAYOUT_POINTS = 200
 #: det J below minus this part of its largest value is clearly negative.
 CLEAR = 1e-6
+
+#: Products below lose digits.
+UNDERFLOW = 1e-290
 
 #: Numbers and tags.
 TOKENS = re.compile(rb"(<[^<>]*>|[-+.0-9][-+.0-9eE/]*)")
@@ -54,6 +57,35 @@ def multipatch(data: bytes) -> None:
     """A G+Smo file, its certificate and its reports."""
     model = gismo.read_multipatch(data)
     assert gismo.read_multipatch(gismo.format_multipatch(model).encode()).patches == model.patches
+    check(model)
+
+
+def geopdes_model(data: bytes) -> None:
+    """A GeoPDEs file, told apart from points, and what is written of it."""
+    geopdes.looks_like_geopdes(data)
+    model = geopdes.read_multipatch(data)
+    again = geopdes.read_multipatch(geopdes.format_multipatch(model).encode())
+    assert again.interfaces == model.interfaces
+    largest = max(np.abs(patch.control_points).max() for patch in model)
+    lightest = min(1.0 if patch.weights is None else patch.weights.min() for patch in model)
+    # Products of tiny numbers underflow.
+    if largest * lightest > UNDERFLOW:
+        for patch, other in zip(model, again, strict=True):
+            assert np.abs(patch.control_points - other.control_points).max() <= 1e-15 * largest
+    check(model)
+
+
+def mfem_model(data: bytes) -> None:
+    """An MFEM mesh, and what is written of it."""
+    model = mfem.read_multipatch(data)
+    again = mfem.read_multipatch(mfem.format_multipatch(model).encode())
+    assert again.patches == model.patches
+    assert len(again.interfaces) == len(model.interfaces)
+    check(model)
+
+
+def check(model: pt.MultiPatch) -> None:
+    """The certificate and the reports of a small model."""
     if sum(patch.control_points.size for patch in model.patches) > 2 * CERTIFIED_POINTS:
         return
     certificate = pt.certify(model, max_depth=6)
@@ -129,7 +161,18 @@ def layout(data: bytes) -> None:
             pt.QuadLayout(given.vertices, given.quads)
 
 
-READERS = (multipatch, npz_model, splinepy_model, xml_boundary, csv_boundary, svg_boundary, landmarks, layout)
+READERS = (
+    multipatch,
+    geopdes_model,
+    mfem_model,
+    npz_model,
+    splinepy_model,
+    xml_boundary,
+    csv_boundary,
+    svg_boundary,
+    landmarks,
+    layout,
+)
 TARGETS = {f.__name__: f for f in READERS}
 
 

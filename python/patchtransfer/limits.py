@@ -26,6 +26,7 @@ __all__ = [
     "MAX_LAYOUT_POINTS",
     "MAX_LINES",
     "MAX_LOOPS",
+    "MAX_MODEL_LINES",
     "MAX_PATCHES",
     "MAX_QUADS",
     "MAX_TAGS",
@@ -61,6 +62,8 @@ MAX_CORNERS = 4_000
 MAX_LANDMARKS = 1_000
 #: Lines of a text file, comments and empty ones too.
 MAX_LINES = 500_000
+#: Lines of a model as text: a weight and a point for each control point stand in lines of their own, and as many again.
+MAX_MODEL_LINES = 4 * MAX_CONTROL_POINTS
 #: Quads of a layout, ...
 MAX_QUADS = 1_000
 #: ... and control points of the model made of it, which is optimised: 10 s and 1.5 GB at the bound.

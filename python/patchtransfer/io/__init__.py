@@ -1,15 +1,17 @@
 """Stage 0, input and output: files to `MultiPatch` and `Boundary`, and back.
 
-=============  ==========  =======================================  ==============================
-format         extensions  holds                                    reads / writes
-=============  ==========  =======================================  ==============================
-G+Smo XML      .xml        patches, boundary curves                 multi-patch, boundary / both
-npz            .npz        arrays of NumPy, everything of a model   multi-patch, boundary / both
-splinepy JSON  .json       patches, boundary curves                 multi-patch, boundary / multi-patch
-CSV            .csv, .txt  points of closed outlines, landmarks     boundary, landmarks / –
-SVG            .svg        closed paths and shapes                  boundary / –
-VTU            .vtu        Bézier quadrilaterals                    – / multi-patch
-=============  ==========  =======================================  ==============================
+===============  ==========  =======================================  ==============================
+format           extensions  holds                                    reads / writes
+===============  ==========  =======================================  ==============================
+G+Smo XML        .xml        patches, boundary curves                 multi-patch, boundary / both
+GeoPDEs          .txt        patches, named boundaries                multi-patch, boundary / multi-patch
+MFEM NURBS mesh  .mesh       patches, boundary attributes             multi-patch, boundary / multi-patch
+npz              .npz        arrays of NumPy, everything of a model   multi-patch, boundary / both
+splinepy JSON    .json       patches, boundary curves                 multi-patch, boundary / multi-patch
+CSV              .csv, .txt  points of closed outlines, landmarks     boundary, landmarks / –
+SVG              .svg        closed paths and shapes                  boundary / –
+VTU              .vtu        Bézier quadrilaterals                    – / multi-patch
+===============  ==========  =======================================  ==============================
 
 A format is one entry of `FORMATS` (`formats`); its functions take and return the contents of files, and raise
 `InputError` without the path, which is added here.
@@ -47,7 +49,7 @@ def _naming(path: Path) -> Iterator[None]:
 
 
 def _extensions(formats: list[Format]) -> str:
-    return ", ".join(extension for f in formats for extension in f.extensions)
+    return ", ".join(dict.fromkeys(extension for f in formats for extension in f.extensions))
 
 
 def _format_of(path: Path, data: bytes) -> Format:
@@ -67,9 +69,9 @@ def read(path: str | os.PathLike[str]) -> MultiPatch:
     Parameters
     ----------
     path : path
-        G+Smo XML, npz or splinepy's JSON, told apart by content. Of several ``MultiPatch`` blocks of a G+Smo file the
-        first is read, as in G+Smo (with a warning); without any, all patches of the file. Interfaces that the file
-        does not state are inferred.
+        G+Smo XML, GeoPDEs text, an MFEM NURBS mesh, npz or splinepy's JSON, told apart by content. Of several
+        ``MultiPatch`` blocks of a G+Smo file the first is read, as in G+Smo (with a warning); without any, all patches
+        of the file. Interfaces that the file does not state are inferred.
 
     Returns
     -------
@@ -183,15 +185,15 @@ def read_layout(path: str | os.PathLike[str]) -> LayoutFile:
 def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None:
     """Write a multi-patch or a boundary, atomically.
 
-    Numbers are written in full, so that reading gives back the same bits. What the format cannot hold is left out, with
-    an `InputWarning`.
+    Numbers are written in full, so that reading gives back the same bits; but GeoPDEs' control points are multiplied by
+    their weights, which rounds. What the format cannot hold is left out, with an `InputWarning`.
 
     Parameters
     ----------
     geometry : MultiPatch or Boundary
     path : path
-        The extension names the format: ``.xml`` (G+Smo) and ``.npz`` (NumPy) for both, ``.json`` (splinepy) and
-        ``.vtu`` (ParaView) for multi-patches. An existing file is replaced.
+        The extension names the format: ``.xml`` (G+Smo) and ``.npz`` (NumPy) for both, ``.txt`` (GeoPDEs), ``.mesh``
+        (MFEM), ``.json`` (splinepy) and ``.vtu`` (ParaView) for multi-patches. An existing file is replaced.
 
     Raises
     ------

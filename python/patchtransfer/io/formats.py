@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
-from . import gismo, layout_json, npz, points, splinepy_json, svg, vtu
+from . import geopdes, gismo, layout_json, mfem, npz, points, splinepy_json, svg, vtu
 from .options import BoundaryOptions
 
 __all__ = ["FORMATS", "BoundaryOptions", "Format"]
@@ -82,7 +82,30 @@ FORMATS = (
         hint="the command build makes patches of it",
     ),
     Format("SVG", (".svg",), lambda data: _first_tag(data) == b"svg", read_boundary=svg.read_boundary),
-    Format("CSV", (".csv", ".txt"), points.looks_like_points, read_boundary=points.read_boundary),
+    Format(
+        "CSV",
+        (".csv", ".txt"),
+        lambda data: points.looks_like_points(data) and not geopdes.looks_like_geopdes(data),
+        read_boundary=points.read_boundary,
+    ),
+    Format(
+        "GeoPDEs",
+        (".txt",),
+        geopdes.looks_like_geopdes,
+        geopdes.read_multipatch,
+        geopdes.read_boundary,
+        geopdes.format_multipatch,
+        holds=MODEL - {"ids"} | {"blocks"},
+    ),
+    Format(
+        "MFEM NURBS mesh",
+        (".mesh",),
+        mfem.looks_like_mfem,
+        mfem.read_multipatch,
+        mfem.read_boundary,
+        mfem.format_multipatch,
+        holds=MODEL - {"ids"} | {"blocks"},
+    ),
     Format(
         "VTU",
         (".vtu",),

@@ -31,6 +31,7 @@ from ..errors import InputError
 from ..geometry.curve import BSplineCurve
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
+from ..geometry.sides import Side
 from ..numeric.arrays import finite_or_none
 from .welding import Welded, in_own_knots, weld
 
@@ -267,7 +268,7 @@ def certify(multipatch: MultiPatch, *, max_depth: int = 20, boundary: BoundaryRe
     for k, (_, sign_agrees, _, found) in enumerate(proofs):
         here = [_cell(k, given.patches[k], welded.patches[k], *cell) for cell in found]
         cells += here
-        findings += [(here[0].kind, _patch_reason(here))] if here else []
+        findings += [(here[0].kind, _patch_reason(here, given.patches[k]))] if here else []
         positive.append(sign_agrees and all(cell.kind == "degenerate" for cell in here))
         if not sign_agrees:
             findings.append(
@@ -315,7 +316,7 @@ def _shorten(reasons: list[str]) -> tuple[str, ...]:
     return tuple(reasons)
 
 
-def _patch_reason(cells: Sequence[Cell]) -> str:
+def _patch_reason(cells: Sequence[Cell], patch: Patch) -> str:
     """One line on a patch's worst cell."""
     worst = cells[0]
     u, v = worst.point
@@ -330,6 +331,12 @@ def _patch_reason(cells: Sequence[Cell]) -> str:
             f"patch {worst.patch} is undecided {where}: det J = {worst.value:.3g} of its mean there, negative within "
             "the rounding of the coordinates; `patchtransfer refine` moves the control points beside such corners by "
             "an ulp, and so does a transfer with its source"
+        )
+    collapsed = [s.name.lower() for s in Side if (s.of(patch.control_points) == s.of(patch.control_points)[0]).all()]
+    if collapsed:
+        return (
+            f"patch {worst.patch} is undecided {where}: its {collapsed[0]} side is a single point, so det J = 0 all "
+            "along it, and neither sign is proved around it; lay the patches out anew so that no side is a point"
         )
     return (
         f"patch {worst.patch} is undecided {where}: det J = {worst.value:.3g} of its mean there, and neither "
