@@ -30,6 +30,7 @@ class MultiPatch:
     Parameters
     ----------
     patches : sequence of Patch
+        Weights that are all equal on a patch are left out: it is polynomial.
     interfaces : sequence of Interface, optional
         None (the default) infers them from coinciding side control points.
     ids : sequence of int, optional
@@ -59,7 +60,7 @@ class MultiPatch:
         labels: Mapping[str, Iterable[tuple[int, Side | int]]] | None = None,
         blocks: Iterable[Block] = (),
     ) -> None:
-        patches = tuple(patches)
+        patches = tuple(patch._without_equal_weights() for patch in patches)
         if not patches:
             raise InputError("a multi-patch needs at least one patch")
         ids = tuple(range(len(patches))) if ids is None else tuple(int(i) for i in ids)

@@ -24,6 +24,7 @@ from ..geometry.patch import Patch
 from ..measure.quality import sample
 from ..numeric.arrays import FloatArray
 from ..numeric.dense import least_squares, product
+from .safe_xml import quoted
 
 __all__ = ["bezier_pieces", "format_multipatch", "format_series", "write_fields"]
 
@@ -98,7 +99,7 @@ def format_series(files: Sequence[str], times: Sequence[float] | None = None) ->
     """Contents of a .pvd file that names .vtu files (relative to it) and their times, by default 0 to 1."""
     when = np.linspace(0, 1, len(files)).tolist() if times is None else times
     rows = "".join(
-        f'    <DataSet timestep="{float(t)!r}" group="" part="0" file={_quoted(name)}/>\n'
+        f'    <DataSet timestep="{float(t)!r}" group="" part="0" file={quoted(name)}/>\n'
         for t, name in zip(when, files, strict=True)
     )
     return (
@@ -233,11 +234,4 @@ def _array(name: str, values: NDArray[np.generic]) -> str:
     width = "" if values.ndim == 1 else f' NumberOfComponents="{values.shape[1]}"'
     text = base64.b64encode(payload).decode("ascii")
     kind = TYPES[values.dtype.kind]
-    return f'        <DataArray type="{kind}" Name={_quoted(name)}{width} format="binary">{text}</DataArray>\n'
-
-
-def _quoted(name: str) -> str:
-    # Loads the standard library's network code, which only writing should have to wait for.
-    from xml.sax.saxutils import quoteattr
-
-    return quoteattr(name)
+    return f'        <DataArray type="{kind}" Name={quoted(name)}{width} format="binary">{text}</DataArray>\n'
