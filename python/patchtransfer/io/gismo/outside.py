@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, tostring
 from ...geometry.blocks import Block
 from .cutting import cut
 
-__all__ = ["FORMAT", "GEOMETRY", "HEAD", "ROOT", "default_head", "outside", "taken_ids"]
+__all__ = ["FORMAT", "GEOMETRY", "HEAD", "ROOT", "default_head", "outside"]
 
 FORMAT = "G+Smo XML"
 ROOT, HEAD, GEOMETRY = "root head", "MultiPatch head", "Geometry head"
@@ -68,10 +68,10 @@ def outside(
 
 def default_head(ids: Sequence[int], blocks: Iterable[Block]) -> str:
     """The ``MultiPatch`` element, without content, of patches that come with none; its id is free."""
-    return f'<MultiPatch parDim="2" id="{max(-1, *ids, *taken_ids(blocks)) + 1}"></MultiPatch>'
+    return f'<MultiPatch parDim="2" id="{max(-1, *ids, *_taken_ids(blocks)) + 1}"></MultiPatch>'
 
 
-def taken_ids(blocks: Iterable[Block]) -> set[int]:
+def _taken_ids(blocks: Iterable[Block]) -> set[int]:
     """Ids of the blocks that are elements of their own."""
     own = (ROOT, HEAD, GEOMETRY)
     return {b.id for b in blocks if b.format == FORMAT and b.kind not in own and b.id is not None}

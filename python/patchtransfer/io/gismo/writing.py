@@ -16,7 +16,7 @@ from ...geometry.patch import Patch
 from ...geometry.sides import Interface
 from ...numeric.arrays import FloatArray
 from ..safe_xml import parse_xml, quoted
-from .outside import FORMAT, GEOMETRY, HEAD, ROOT, default_head, taken_ids
+from .outside import FORMAT, GEOMETRY, HEAD, ROOT, default_head
 
 __all__ = ["format_boundary", "format_multipatch"]
 
@@ -84,9 +84,8 @@ def format_multipatch(multipatch: MultiPatch) -> str:
         When a label or a block is not text that XML can hold.
     """
     blocks = [block for block in multipatch.blocks if block.format == FORMAT]
-    ids = _free_ids(multipatch.ids, blocks)
     heads = {block.kind: block.text for block in blocks if block.kind in (ROOT, HEAD)}
-    own = _geometries(multipatch, ids, blocks) + _glue(multipatch, ids, heads.get(HEAD) or default_head(ids, blocks))
+    own = _geometries(multipatch, blocks) + _glue(multipatch, heads.get(HEAD) or default_head(multipatch.ids, blocks))
     lines = [] if HEAD in heads else own
     for block in blocks:
         if block.kind == HEAD:
@@ -108,20 +107,11 @@ def _check(text: str, blocks: Sequence[Block]) -> None:
         raise InputError(f"labels or blocks ({kinds}) cannot be written as XML: {error}") from None
 
 
-def _free_ids(ids: tuple[int, ...], blocks: Sequence[Block]) -> tuple[int, ...]:
-    """The patches' ids, others if blocks have some of them."""
-    taken = taken_ids(blocks)
-    if taken.isdisjoint(ids):
-        return ids
-    first = max(taken) + 1
-    return tuple(range(first, first + len(ids)))
-
-
-def _geometries(mp: MultiPatch, ids: Sequence[int], blocks: Sequence[Block]) -> list[str]:
+def _geometries(mp: MultiPatch, blocks: Sequence[Block]) -> list[str]:
     extra = {block.id: parse_xml(block.text.encode()) for block in blocks if block.kind == GEOMETRY}
     lines = []
-    for i, known, patch in zip(ids, mp.ids, mp.patches, strict=True):
-        element = extra.pop(known, None)
+    for i, patch in zip(mp.ids, mp.patches, strict=True):
+        element = extra.pop(i, None)
         names = {} if element is None else {k: v for k, v in element.attrib.items() if k not in ("type", "id")}
         more = "".join(f" {name}={quoted(value)}" for name, value in names.items())
         geometry = _geometry(patch, f'id="{i}"{more}')
@@ -132,9 +122,9 @@ def _geometries(mp: MultiPatch, ids: Sequence[int], blocks: Sequence[Block]) -> 
     return lines
 
 
-def _glue(mp: MultiPatch, ids: Sequence[int], head: str) -> list[str]:
+def _glue(mp: MultiPatch, head: str) -> list[str]:
     """The ``MultiPatch`` element with the attributes and other content of its head."""
-    element = parse_xml(head.encode())
+    element, ids = parse_xml(head.encode()), mp.ids
     if list(ids) == list(range(ids[0], ids[0] + len(ids))):
         patches = f'<patches type="id_range">{ids[0]} {ids[-1]}</patches>'
     else:
