@@ -16,11 +16,12 @@ A format is one entry of `FORMATS` (`formats`); its functions take and return th
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, InputWarning
 from ..files import read_bytes, write_atomic
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
@@ -172,6 +173,15 @@ def read_layout(path: str | os.PathLike[str]) -> LayoutFile:
         return parse_layout(read_bytes(path), path.parent, read_boundary)
 
 
+def _warn_of_lost(model: MultiPatch, format_: str) -> None:
+    """Name the blocks of other formats; comments and heads of elements are not worth a word."""
+    lost = [b for b in model.blocks if b.format != format_ and b.kind != "comment" and not b.kind.endswith("head")]
+    if lost:
+        names = ", ".join(dict.fromkeys(b.name for b in lost))
+        doubt = f"{names} of {lost[0].format} cannot be kept in {format_}, and are left out"
+        warnings.warn(doubt, InputWarning, stacklevel=3)
+
+
 def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None:
     """Write a multi-patch or a boundary as G+Smo XML, or a multi-patch as VTU (for ParaView), atomically.
 
@@ -196,6 +206,7 @@ def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None
         if chosen is None:
             raise InputError(f"cannot write {path.suffix or 'a file without extension'}; use {_extensions(formats)}")
         if isinstance(geometry, MultiPatch) and chosen.write:
+            _warn_of_lost(geometry, chosen.name)
             text = chosen.write(geometry)
         elif isinstance(geometry, Boundary) and chosen.write_boundary:
             text = chosen.write_boundary(geometry)

@@ -138,8 +138,8 @@ def _untold(patches: list[Patch]) -> list[Interface]:
     found = list(MultiPatch(patches).interfaces)
     if found:
         _warn(
-            f"MultiPatch: all sides are listed as boundary; {len(found)} interfaces are found where sides coincide (an "
-            "empty <interfaces> keeps them apart)"
+            f"MultiPatch: all sides are listed as boundary, as if nobody had looked for interfaces; found where sides "
+            f"coincide: {len(found)} (an empty <interfaces> keeps them apart)"
         )
     return found
 
