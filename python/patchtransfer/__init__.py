@@ -16,7 +16,7 @@ interruption.leave_silently()
 # ruff: noqa: E402
 import lazy_loader
 
-from .geometry import display
+from .geometry import blocks, display
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
@@ -24,3 +24,4 @@ display.draw_with(
     lambda shown: import_module(".plot", __name__).png(shown),
     lambda shown: import_module(".plot", __name__).html(shown),
 )
+blocks.renumber_with(lambda block, parts: import_module(".io.gismo.renumbering", __name__).renumbered(block, parts))

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-__all__ = ["Block"]
+from .sides import Side
+
+__all__ = ["Block", "Parts", "renumber_with", "renumbered"]
+
+#: What became of the sides of patches: of each (patch, side), its parts in the new model in order along it. A side that
+#: is missing is gone.
+Parts = Mapping[tuple[int, Side], Sequence[tuple[int, Side]]]
 
 #: The id in the first tag.
 _ID = re.compile(r"""<[^<>]*?\sid\s*=\s*["']\s*(\d{1,17})\s*["']""")
@@ -44,3 +51,20 @@ class Block:
 
     def __repr__(self) -> str:
         return f"<Block: {self.kind} of {self.format}, {len(self.text)} characters>"
+
+
+_renumber: Callable[[Block, Parts], tuple[Block, list[str]]] | None = None
+
+
+def renumber_with(function: Callable[[Block, Parts], tuple[Block, list[str]]]) -> None:
+    """Set what renumbers: reading the formats is a floor above the geometry."""
+    global _renumber
+    _renumber = function
+
+
+def renumbered(blocks: Iterable[Block], parts: Parts) -> tuple[tuple[Block, ...], list[str]]:
+    """Blocks after patches were split, dropped or renumbered, and a line for all in them that could not follow."""
+    if _renumber is None:
+        raise RuntimeError("nothing renumbers blocks: the package fills this in")
+    done = [_renumber(block, parts) for block in blocks]
+    return tuple(block for block, _ in done), [line for _, lost in done for line in lost]

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ..errors import InputError
+from .blocks import Parts
 from .sides import Side
 
 __all__ = ["Labels", "checked", "plain", "relabelled"]
@@ -75,9 +76,7 @@ def plain(labels: Labels) -> dict[str, list[dict[str, int]]]:
     return {name: [{"patch": k, "side": int(side)} for k, side in where] for name, where in labels.items()}
 
 
-def relabelled(
-    labels: Labels, parts: Mapping[tuple[int, Side], Sequence[tuple[int, Side]]]
-) -> tuple[dict[str, list[tuple[int, Side]]], list[str]]:
+def relabelled(labels: Labels, parts: Parts) -> tuple[dict[str, list[tuple[int, Side]]], list[str]]:
     """Labels after patches were split, dropped or renumbered.
 
     Parameters

@@ -7,14 +7,16 @@ where the reader is concerned, but some writers put positions. In the plane ``di
 does ``orient`` across the interface (1 for different ends in older files, 1 for equal ends in newer ones), so only
 ``orient`` along it is used, and only where the sides fit both ways.
 
-=============  ===================================================================
+=============  =================================================================
 `numbers`      numbers of an element
 `splines`      patches and curves
 `multipatch`   the block that glues patches: interfaces, labels
 `boundary`     planar domains
-`outside`      everything else of a file, word for word
+`rows`         rows of interfaces, old and new
+`outside`      everything else of a file, word for word, as `cutting` cuts it out
+`renumbering`  boundary conditions where patches change
 `writing`      the way back
-=============  ===================================================================
+=============  =================================================================
 """
 
 from .boundary import read_boundary

@@ -44,7 +44,8 @@ def outside(
     ids : sequence of int
         Of the patches.
     """
-    read = {id(element) for element in used} | {id(block)}
+    number = {id(element): i for element, i in zip(used, ids, strict=True)}
+    read = {*number, id(block)}
     tag, pieces = cut(data)
     before, after, heads, found = list[Block](), list[Block](), list[Block](), False
     for piece in pieces:
@@ -57,7 +58,7 @@ def outside(
             if piece.kind == "comment":
                 after.append(Block(FORMAT, "comment", piece.text))
             elif element is not block:
-                heads += _geometry_head(element)
+                heads += _geometry_head(element, number[id(element)])
     default = default_head(ids, (*before, *after))
     head = default if block is None else _shell(block)
     # Without a head the patches come first.
@@ -77,9 +78,14 @@ def _taken_ids(blocks: Iterable[Block]) -> set[int]:
     return {b.id for b in blocks if b.format == FORMAT and b.kind not in own and b.id is not None}
 
 
-def _geometry_head(element: Element) -> list[Block]:
+def _geometry_head(element: Element, number: int) -> list[Block]:
+    """What a geometry holds besides a spline, under the id that it is written with."""
     plain = set(element.attrib) <= {"type", "id", "index"} and all(c.tag in READ["Geometry"] for c in element)
-    return [] if plain else [Block(FORMAT, GEOMETRY, _shell(element))]
+    if plain:
+        return []
+    numbered = Element(element.tag, {"id": str(number)} | {k: v for k, v in element.attrib.items() if k != "id"})
+    numbered.extend(element)
+    return [Block(FORMAT, GEOMETRY, _shell(numbered))]
 
 
 def _shell(element: Element) -> str:

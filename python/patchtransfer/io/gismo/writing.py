@@ -47,9 +47,13 @@ def _basis(knots: Sequence[FloatArray], degrees: Sequence[int], weights: FloatAr
     ]
 
 
+def _patch_type(patch: Patch) -> str:
+    return "TensorBSpline2" if patch.weights is None else "TensorNurbs2"
+
+
 def _geometry(item: Patch | BSplineCurve, attribute: str) -> list[str]:
     if isinstance(item, Patch):
-        kind = "TensorBSpline2" if item.weights is None else "TensorNurbs2"
+        kind = _patch_type(item)
         basis = _basis(item.knots, item.degrees, item.weights)
         points = item.control_points.transpose(1, 0, 2).reshape(-1, 2)
     else:
@@ -112,10 +116,11 @@ def _geometries(mp: MultiPatch, blocks: Sequence[Block]) -> list[str]:
     lines = []
     for i, patch in zip(mp.ids, mp.patches, strict=True):
         element = extra.pop(i, None)
-        names = {} if element is None else {k: v for k, v in element.attrib.items() if k not in ("type", "id")}
-        more = "".join(f" {name}={quoted(value)}" for name, value in names.items())
-        geometry = _geometry(patch, f'id="{i}"{more}')
-        lines += geometry if element is None else [*geometry[:-1], *map(_text, element), geometry[-1]]
+        geometry = _geometry(patch, f'id="{i}"')
+        if element is not None:
+            element.attrib |= {"type": _patch_type(patch), "id": str(i)}
+            geometry = [_start(element), *geometry[1:-1], *map(_text, element), geometry[-1]]
+        lines += geometry
     if extra:
         gone = ", ".join(f"Geometry id={i}" for i in extra)
         _warn(f"labels and data of {gone} are left out: there is no such patch any more")
@@ -129,9 +134,12 @@ def _glue(mp: MultiPatch, head: str) -> list[str]:
         patches = f'<patches type="id_range">{ids[0]} {ids[-1]}</patches>'
     else:
         patches = f'<patches type="id_index">{" ".join(map(str, ids))}</patches>'
-    attributes = "".join(f" {name}={quoted(value)}" for name, value in element.attrib.items())
-    lines = [f"<MultiPatch{attributes}>", " " + patches, *_interfaces(mp, ids), *_boundaries(mp, ids)]
+    lines = [_start(element), " " + patches, *_interfaces(mp, ids), *_boundaries(mp, ids)]
     return [*lines, *map(_text, element), "</MultiPatch>"]
+
+
+def _start(element: Element) -> str:
+    return tostring(Element(element.tag, element.attrib), "unicode", short_empty_elements=False).partition("</")[0]
 
 
 def _text(element: Element) -> str:
