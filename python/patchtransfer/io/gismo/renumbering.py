@@ -1,4 +1,4 @@
-"""Boundary conditions of G+Smo XML, whose rows name patches by position, where these are split, dropped or renumbered."""
+"""Boundary conditions of G+Smo XML: their rows name patches, which may be split, dropped or renumbered."""
 
 from __future__ import annotations
 
