@@ -5,14 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
-from .sides import Side
+if TYPE_CHECKING:
+    # Loads NumPy, which importing the package does not.
+    from .sides import Side
 
 __all__ = ["Block", "Parts", "renumber_with", "renumbered"]
 
 #: What became of the sides of patches: of each (patch, side), its parts in the new model in order along it. A side that
 #: is missing is gone.
-Parts = Mapping[tuple[int, Side], Sequence[tuple[int, Side]]]
+Parts: TypeAlias = "Mapping[tuple[int, Side], Sequence[tuple[int, Side]]]"
 
 #: The id in the first tag.
 _ID = re.compile(r"""<[^<>]*?\sid\s*=\s*["']\s*(\d{1,17})\s*["']""")
