@@ -345,9 +345,12 @@ def test_a_file_whose_topology_was_never_computed():
     with pytest.warns(InputWarning, match="all sides are listed as boundary, .* found where sides coincide: 1"):
         mp = parse(BOTH + block(f"<boundary>{listed}</boundary>"))
     assert mp.interfaces == (Interface(0, Side.EAST, 1, Side.WEST, False),)
+    with pytest.warns(InputWarning, match="all sides are listed as boundary"):
+        assert parse(BOTH + block(f"<interfaces> </interfaces><boundary>{listed}</boundary>")) == mp
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert parse(BOTH + block(f"<interfaces></interfaces><boundary>{listed}</boundary>")).interfaces == ()
+        apart = f'<interfaces rows="0"></interfaces><boundary>{listed}</boundary>'
+        assert parse(BOTH + block(apart)).interfaces == ()
         assert parse(square(0) + square(1, 5) + block(f"<boundary>{listed}</boundary>")).interfaces == ()
 
 

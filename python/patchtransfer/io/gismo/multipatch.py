@@ -16,7 +16,7 @@ from ...geometry.sides import Interface, Side
 from ..safe_xml import parse_xml
 from .numbers import integer, integers
 from .outside import outside
-from .rows import Reading, best, readings
+from .rows import NONE, Reading, best, readings
 from .splines import CURVE_TYPES, read_patches
 
 __all__ = ["domains", "read_multipatch"]
@@ -129,7 +129,7 @@ def _glue(patches: list[Patch], ids: list[int], block: Element) -> _Glue:
     for element, rows in zip(block.findall("boundary"), listed, strict=True):
         _add(labels, element, rows)
     if interfaces is None and len({side for rows in listed for side in rows}) == 4 * len(patches):
-        interfaces = [] if elements else _untold(patches)
+        interfaces = [] if any(element.get(NONE[0]) == NONE[1] for element in elements) else _untold(patches)
     return _Glue(interfaces, labels)
 
 
@@ -139,7 +139,7 @@ def _untold(patches: list[Patch]) -> list[Interface]:
     if found:
         _warn(
             f"MultiPatch: all sides are listed as boundary, as if nobody had looked for interfaces; found where sides "
-            f"coincide: {len(found)} (an empty <interfaces> keeps them apart)"
+            f'coincide: {len(found)} (<interfaces rows="0"/> keeps them apart)'
         )
     return found
 

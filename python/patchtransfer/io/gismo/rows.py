@@ -12,10 +12,13 @@ from ...geometry.interfaces import Misfit, misfits
 from ...geometry.patch import Patch
 from ...geometry.sides import Interface, Side
 
-__all__ = ["Reading", "best", "readings"]
+__all__ = ["NONE", "Reading", "best", "readings"]
 
 #: Numbers of an interface's row and, of these, flags at the end. The shorter rows are those of before 2014.
 WIDTHS = {8: 4, 5: 1}
+#: Attribute of an empty <interfaces> that says that sides which coincide are apart on purpose: other programs leave it
+#: empty when they have not looked.
+NONE = ("rows", "0")
 #: Flags of a row are 0 and 1; the shorter rows' may be a sign as well.
 FLAGS = {8: {0, 1}, 5: {-1, 0, 1}}
 

@@ -17,6 +17,7 @@ from ...geometry.sides import Interface
 from ...numeric.arrays import FloatArray
 from ..safe_xml import parse_xml, quoted
 from .outside import FORMAT, GEOMETRY, HEAD, ROOT, default_head
+from .rows import NONE
 
 __all__ = ["format_boundary", "format_multipatch"]
 
@@ -158,8 +159,8 @@ def _interfaces(mp: MultiPatch, ids: Sequence[int]) -> list[str]:
             if len(pair.intersection(sides)) == 1 and len(pair) == 2:
                 _warn(f"label {name!r} is left out on interface {f.name}: G+Smo XML names both sides of it or none")
     lines = [line for name, rows in groups.items() if rows for line in _element("interfaces", name, rows)]
-    # All sides under <boundary> would say that nobody looked for interfaces.
-    return lines or ([] if not infer_interfaces(mp.patches) else [" <interfaces></interfaces>"])
+    # All sides under <boundary> alone would say that nobody looked for interfaces.
+    return lines or ([] if not infer_interfaces(mp.patches) else [f' <interfaces {NONE[0]}="{NONE[1]}"></interfaces>'])
 
 
 def _boundaries(mp: MultiPatch, ids: Sequence[int]) -> list[str]:
