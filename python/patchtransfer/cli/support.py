@@ -434,6 +434,8 @@ def summary(content: dict[str, Any], output: str | None) -> None:
             f"{topology['patches']} patches, {topology['interfaces']} interfaces, "
             f"{topology['boundary_loops']} boundary loops, valences of extraordinary vertices: {valences or 'none'}",
         )
+    if content.get("labels"):
+        table.add_row("labels", "; ".join(_label(*item) for item in content["labels"].items()))
     if "patches" in content:
         table.add_row("patches", str(content["patches"]))
     if "boundary_error" in content:
@@ -445,6 +447,13 @@ def summary(content: dict[str, Any], output: str | None) -> None:
     if output is not None:
         table.add_row("written", output)
     say(table)
+
+
+def _label(name: str, sides: list[dict[str, int]]) -> str:
+    from ..geometry.sides import Side
+
+    where = ", ".join(f"{side['patch']} {Side(side['side']).name.lower()}" for side in sides)
+    return f"{escape(name)}: {where or 'no side'}"
 
 
 def _number(x: float | None) -> str:

@@ -28,7 +28,11 @@ __all__ = [
     "reverse_knots",
     "span_basis",
     "spline_values",
+    "weights_agree",
 ]
+
+#: Weights of a polynomial that was refined or elevated as a rational spline differ by some units of roundoff.
+WEIGHT_ULPS = 8.0
 
 
 def check_knots(knots: FloatArray, degree: int, count: int, what: str) -> None:
@@ -63,6 +67,15 @@ def check_weights(weights: ArrayLike | None, shape: tuple[int, ...], what: str) 
     if (array <= 0).any():
         raise InputError(f"{what}: weight {array.min():g} is not positive")
     return array
+
+
+def weights_agree(weights: FloatArray) -> bool:
+    """Whether weights differ by no more than rounding, so that files mean a polynomial by them.
+
+    The polynomial is off the rational spline by the same part of the control points' extent, which is less than the
+    rounding of points that a program computed.
+    """
+    return bool(np.ptp(weights) <= WEIGHT_ULPS * np.finfo(float).eps * np.abs(weights).max())
 
 
 def knot_spans(knots: ArrayLike) -> FloatArray:

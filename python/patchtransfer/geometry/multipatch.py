@@ -16,6 +16,7 @@ from . import display, exchange
 from .blocks import Block
 from .boundary import Boundary
 from .interfaces import check_interfaces, infer_interfaces
+from .labels import Labels, checked
 from .packing import PackedPatches, pack_patches, unpack_patches
 from .patch import Patch
 from .sides import Interface, Side
@@ -39,6 +40,7 @@ class MultiPatch:
     Parameters
     ----------
     patches : sequence of Patch
+        Weights that are all equal on a patch are left out: it is polynomial.
     interfaces : sequence of Interface, optional
         None (the default) infers them from coinciding side control points.
     ids : sequence of int, optional
@@ -57,7 +59,7 @@ class MultiPatch:
 
     interfaces: tuple[Interface, ...]
     ids: tuple[int, ...]
-    sides: Mapping[str, tuple[tuple[int, Side], ...]]
+    sides: Labels
     blocks: tuple[Block, ...]
 
     def __init__(
@@ -68,7 +70,7 @@ class MultiPatch:
         labels: Mapping[str, Iterable[tuple[int, Side | int]]] | None = None,
         blocks: Iterable[Block] = (),
     ) -> None:
-        patches = tuple(patches)
+        patches = tuple(patch._without_equal_weights() for patch in patches)
         if not patches:
             raise InputError("a multi-patch needs at least one patch")
         ids = tuple(range(len(patches))) if ids is None else tuple(int(i) for i in ids)
@@ -79,7 +81,7 @@ class MultiPatch:
         object.__setattr__(self, "patches", patches)
         object.__setattr__(self, "interfaces", glued)
         object.__setattr__(self, "ids", ids)
-        object.__setattr__(self, "sides", _sides(labels or {}, len(patches)))
+        object.__setattr__(self, "sides", checked(labels or {}, len(patches)))
         object.__setattr__(self, "blocks", tuple(blocks))
 
     def __eq__(self, other: object) -> bool:
@@ -192,12 +194,14 @@ class MultiPatch:
         Parameters
         ----------
         labels : mapping of str to iterables of (patch, side)
-            Patches by their position, 0 is the first. ``{**mp.sides, "inlet": [(0, Side.WEST)]}`` adds one.
+            Patches by their position, 0 is the first; sides as `Side`, number or name ("west").
+            ``{**mp.sides, "inlet": [(0, "west")]}`` adds one.
 
         Raises
         ------
         InputError
-            When a patch or a side does not exist, a side is named twice in a label, or a name is empty.
+            When a patch or a side does not exist, a side is named twice in a label, a name is empty, or something is
+            not a pair.
 
         Examples
         --------
@@ -206,7 +210,7 @@ class MultiPatch:
         >>> mp.sides["jaw"]
         ((0, <Side.WEST: 1>), (3, <Side.NORTH: 4>))
         """
-        moved = self._with(sides=_sides(labels, len(self.patches)))
+        moved = self._with(sides=checked(labels, len(self.patches)))
         moved.__dict__["topology"] = self.topology
         return moved
 
@@ -362,27 +366,6 @@ class MultiPatch:
 
     def _repr_html_(self) -> str | None:
         return display.as_html(self)
-
-
-def _sides(
-    labels: Mapping[str, Iterable[tuple[int, Side | int]]], patches: int
-) -> Mapping[str, tuple[tuple[int, Side], ...]]:
-    """Labels, checked."""
-    sides = {}
-    for name, where in labels.items():
-        if not isinstance(name, str) or not name.strip():
-            raise InputError(f"a label is a name, not {name!r}")
-        named = []
-        for patch, side in where:
-            if not 0 <= patch < patches:
-                raise InputError(f"label {name!r}: there is no patch {patch}, the patches are 0 to {patches - 1}")
-            if side not in list(Side):
-                raise InputError(f"label {name!r}: side {side!r} of patch {patch} is not one of 1, 2, 3, 4")
-            named.append((int(patch), Side(side)))
-        if len(set(named)) != len(named):
-            raise InputError(f"label {name!r} names a side twice")
-        sides[name] = tuple(named)
-    return MappingProxyType(sides)
 
 
 def _unpacked(

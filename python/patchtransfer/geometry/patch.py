@@ -90,6 +90,13 @@ class Patch:
         patch.__dict__.update(knots=knots, degrees=degrees, control_points=control_points, weights=weights)
         return patch
 
+    def _without_equal_weights(self) -> Patch:
+        """The same map, polynomial if all weights are one number."""
+        w = self.weights
+        if w is None or (w != w[0, 0]).any():
+            return self
+        return self._trusted(self.knots, self.degrees, self.control_points, None)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Patch) and same_bits(self, other, ("knots", "control_points", "weights"))
 

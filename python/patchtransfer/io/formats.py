@@ -111,7 +111,7 @@ FORMATS = (
         (".vtu",),
         lambda data: _first_tag(data) == b"VTKFile",
         write=vtu.format_multipatch,
-        holds=MODEL - {"labels"},
+        holds=MODEL,
         hint="it is written for ParaView, and not read",
     ),
 )

@@ -24,8 +24,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from .._core import MAX_DEGREE, certify_loops, certify_patches
 from ..errors import InputError
 from ..geometry.curve import BSplineCurve
@@ -347,28 +345,20 @@ def _patch_reason(cells: Sequence[Cell], patch: Patch) -> str:
 def _gluing(welded: Welded, positive: Sequence[bool]) -> list[tuple[str, str]]:
     """Collect what speaks against the interfaces; `positive` says where det J > 0 is proved."""
     multipatch = welded.multipatch
-    topology, patches = multipatch.topology, multipatch.patches
-    folded_over, findings = topology.folded_over, []
-    sides = zip(multipatch.interfaces, welded.point_gaps, welded.knot_gaps, strict=True)
-    for i, (f, gap, knot_gap) in enumerate(sides):
+    folded_over, findings = multipatch.topology.folded_over, []
+    sides = zip(multipatch.interfaces, welded.point_gaps, welded.weight_gaps, welded.knot_gaps, strict=True)
+    for i, (f, *gaps) in enumerate(sides):
         if i in folded_over:
             kind = "folded" if positive[f.patch_a] and positive[f.patch_b] else "undecided"
             text = "the patches lie on the same side of it, one folds back on the other"
             findings.append((kind, f"interface {f.name}: {text}"))
-        a, b = patches[f.patch_a].weights, patches[f.patch_b].weights
-        weight_gap = 0.0
-        if a is not None and b is not None:
-            along_a, along_b = f.side_a.of(a), f.side_b.of(b)
-            weight_gap = float(np.abs(along_a - (along_b[::-1] if f.reversed else along_b)).max())
-        for what, size in (("control points", gap), ("weights", weight_gap), ("knots", knot_gap)):
+        for what, size in zip(("control points", "weights", "knots"), gaps, strict=True):
             if size != 0.0:
                 text = (
                     f"{what} of the two sides differ by {size:.3g}; take one side's numbers for both (a MultiPatch "
                     "rewritten by patchtransfer has bit-equal interfaces)"
                 )
                 findings.append(("undecided", f"interface {f.name}: {text}"))
-        if (a is None) != (b is None):
-            findings.append(("undecided", f"interface {f.name}: only one side has weights; make both rational"))
     return findings
 
 
