@@ -71,6 +71,9 @@ class LinearSystem:
     load: FloatArray
     known: FloatArray
 
+    def __repr__(self) -> str:
+        return f"<LinearSystem: {len(self.load)} unknowns, {len(self.values)} matrix entries>"
+
 
 @dataclass(frozen=True, eq=False)
 class PoissonResult:
@@ -96,6 +99,10 @@ class PoissonResult:
     residual: float
     timings: dict[str, float]
     exact: ScalarFunction | None
+
+    def __repr__(self) -> str:
+        errors = "" if self.errors is None else f", L2 error {self.errors.l2:.2e}"
+        return f"<PoissonResult: {self.dofs} unknowns{errors}, residual {self.residual:.1e}>"
 
     @property
     def dofs(self) -> int:
@@ -183,6 +190,9 @@ class PoissonSolver:
         self._degrees = [patch.degrees for patch in mp.patches]
         self._system = DefiniteSystem(self.assembler.indptr, self.assembler.indices, self.space.interior)
         self.setup_seconds = time.perf_counter() - begin
+
+    def __repr__(self) -> str:
+        return f"<PoissonSolver: {self.space.size} unknowns on {len(self.space.bases)} patches>"
 
     def system(self, mp: MultiPatch, f: ScalarFunction | None = None, g: ScalarFunction | None = None) -> LinearSystem:
         """Stiffness, load and boundary values on a model.
