@@ -10,8 +10,8 @@ const STEPS: usize = 40;
 /// Steps that may fail to halve the residual: the first ones of a bent cell do, and those at rounding.
 const POOR_STEPS: usize = 3;
 
-/// Parts of a cell that are looked at before it is given up. A point of an injective patch takes some tens; one next to a
-/// side that is a single point would take any number.
+/// Parts of a cell that are looked at before it is given up: ten times as many as two to four at every halving down to the
+/// last digit of either parameter. Next to a side that is a single point there would be any number.
 const PARTS: usize = 4096;
 
 /// Room to work, reused from point to point.
