@@ -9,10 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError
+from . import display
 from .curve import BSplineCurve
 from .packing import PackedCurves, pack_curves, unpack_curves
 
 __all__ = ["Boundary"]
+
+#: Loops whose numbers of curves are told one by one; more are counted together, on one line.
+SHOWN = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +65,23 @@ class Boundary:
         return _unpacked_boundary, ([pack_curves(loop) for loop in self.loops], self.notes)
 
     def __repr__(self) -> str:
-        return f"<Boundary: {len(self.loops)} loops of {', '.join(str(len(x)) for x in self.loops)} curves>"
+        counts = [len(loop) for loop in self.loops]
+        loops = f"{len(counts)} loop{'' if len(counts) == 1 else 's'}"
+        if len(counts) > SHOWN:
+            return f"<Boundary: {loops}, {sum(counts)} curves>"
+        return f"<Boundary: {loops} of {', '.join(map(str, counts))} curve{'' if counts == [1] else 's'}>"
 
     @cached_property
     def diameter(self) -> float:
         """Diagonal of the control points' bounding box."""
         points = np.concatenate([curve.control_points for loop in self.loops for curve in loop])
         return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+    def _repr_png_(self) -> bytes | None:
+        return display.as_png(self)
+
+    def _repr_html_(self) -> str | None:
+        return display.as_html(self)
 
 
 def _unpacked_boundary(loops: list[PackedCurves], notes: tuple[str, ...]) -> Boundary:

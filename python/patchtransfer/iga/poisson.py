@@ -80,6 +80,9 @@ class LinearSystem:
     load: FloatArray
     known: FloatArray
 
+    def __repr__(self) -> str:
+        return f"<LinearSystem: {len(self.load)} unknowns, {len(self.values)} matrix entries>"
+
 
 @dataclass(frozen=True, eq=False)
 class PoissonResult:
@@ -105,6 +108,10 @@ class PoissonResult:
     residual: float
     timings: dict[str, float]
     exact: ScalarFunction | None
+
+    def __repr__(self) -> str:
+        errors = "" if self.errors is None else f", L2 error {self.errors.l2:.2e}"
+        return f"<PoissonResult: {self.dofs} unknowns{errors}, residual {self.residual:.1e}>"
 
     @property
     def dofs(self) -> int:
@@ -193,6 +200,9 @@ class PoissonSolver:
         self._systems: dict[tuple[tuple[int, Side], ...], DefiniteSystem] = {}
         self._unknowns_off(tuple(sorted(self.space.boundaries)))
         self.setup_seconds = time.perf_counter() - begin
+
+    def __repr__(self) -> str:
+        return f"<PoissonSolver: {self.space.size} unknowns on {len(self.space.bases)} patches>"
 
     def _unknowns_off(self, sides: tuple[tuple[int, Side], ...]) -> DefiniteSystem:
         """The solver of the unknowns that vanish on these sides, analysed once."""

@@ -74,6 +74,10 @@ class Cell:
     value: float
     within_rounding: bool = False
 
+    def __repr__(self) -> str:
+        u, v = self.point
+        return f"<Cell: patch {self.patch}, {self.kind} at ({u:.6g}, {v:.6g}), det J = {self.value:.3g} of its mean>"
+
     @property
     def corner(self) -> int:
         """Which corner of the cell `point` is, numbered like a patch's: (0,0), (1,0), (0,1), (1,1)."""
@@ -99,6 +103,10 @@ class Meeting:
     a: tuple[int, int, float]
     b: tuple[int, int, float]
     point: tuple[float, float]
+
+    def __repr__(self) -> str:
+        (k, i, _), (m, j, _), (x, y) = self.a, self.b, self.point
+        return f"<Meeting: {self.kind}, loop {k} curve {i} and loop {m} curve {j} at ({x:.6g}, {y:.6g})>"
 
     def __str__(self) -> str:
         x, y = self.point
@@ -137,6 +145,12 @@ class BoundaryReport:
     around: tuple[tuple[int, ...] | None, ...]
     reasons: tuple[str, ...]
     _chains: Chains | None = field(default=None, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        loops, places = len(self.orientation), len(self.crossings)
+        said = {True: "simple", False: "not simple", None: "undecided"}[self.simple]
+        where = f", {places} place{'' if places == 1 else 's'} where it is not" if places else ""
+        return f"<BoundaryReport: {said}, {loops} loop{'' if loops == 1 else 's'}{where}>"
 
     def _is_of(self, chains: Chains) -> bool:
         """Whether it is known to be about these curves, bit by bit."""
@@ -185,6 +199,10 @@ class Certificate:
     notes: tuple[str, ...]
     boundary: BoundaryReport
     subdivisions: int
+
+    def __repr__(self) -> str:
+        cells = f", {len(self.cells)} cell{'' if len(self.cells) == 1 else 's'} without" if self.cells else ""
+        return f"<Certificate: {self.status}, det J >= {self.lower_bound:.3g} of its mean{cells}>"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON: injective, status, lower_bound, cells, reasons."""
