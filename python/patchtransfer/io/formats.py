@@ -36,8 +36,8 @@ class Format:
     """A file format: how to recognise it and what it can hold; None where it cannot.
 
     `holds` says what a model keeps when it is written: of "weights", "interfaces", "ids", "labels", "blocks" (those of
-    this format) and "all blocks". `hint` says what to do with a file that holds neither patches nor a boundary, and `layers`
-    whether a boundary's layers can be chosen.
+    this format) and "all blocks". `hint` says what to do with a file that holds neither patches nor a boundary, and
+    `layers` whether a boundary's layers can be chosen.
     """
 
     name: str
