@@ -1,23 +1,6 @@
 """Stage 0, input and output: files to `MultiPatch` and `Boundary`, and back.
 
-===============  ====================  =======================================  ==============================
-format           extensions            holds                                    reads / writes
-===============  ====================  =======================================  ==============================
-G+Smo XML        .xml                  patches, boundary curves                 multi-patch, boundary / both
-GeoPDEs          .txt                  patches, named boundaries                multi-patch, boundary / multi-patch
-MFEM NURBS mesh  .mesh                 patches, boundary attributes             multi-patch, boundary / multi-patch
-npz              .npz                  arrays of NumPy, everything of a model   multi-patch, boundary / both
-splinepy JSON    .json                 patches, boundary curves                 multi-patch, boundary / multi-patch
-CSV              .csv, .txt            points of closed outlines, landmarks     boundary, landmarks / –
-SVG              .svg                  closed paths and shapes                  boundary / –
-DXF              .dxf                  lines, arcs, splines on layers           boundary / –
-Rhino            .3dm                  curves on layers                         boundary / –
-GeoJSON          .geojson, .json       a polygon with holes                     boundary / –
-airfoil          .dat                  points of a section                      boundary / –
-image            .png, .tif, .bmp      pixels of a region                       boundary / –
-VTU              .vtu                  Bézier quadrilaterals                    – / multi-patch
-===============  ====================  =======================================  ==============================
-
+===============  ====================  =======================================  =======================
 A format is one entry of `FORMATS` (`formats`); its functions take and return the contents of files, and raise
 `InputError` without the path, which is added here.
 """
@@ -117,9 +100,9 @@ def read_boundary(
     path : path
         G+Smo XML (a ``PlanarDomain``, loose curves in any order and sense, or patches, whose boundary is
         taken), SVG (every closed path is a loop; y is flipped, so that pictures are upright), DXF (what is drawn in
-        model space), GeoJSON (a polygon), an airfoil's points, an image (PNG, TIFF, BMP) of the region or CSV (lines
-        ``x,y``, one closed outline per block, blocks separated by blank lines; interpolated by cubic splines between
-        corners).
+        model space), Rhino's 3dm (curves), GeoJSON (a polygon), an airfoil's points, an image (PNG, TIFF, BMP) of the
+        region or CSV (lines ``x,y``, one closed outline per block, blocks separated by blank lines; interpolated by
+        cubic splines between corners).
     clean : bool, default True
         Mend what is plainly a slip: slivers, repeated points, tiny gaps. Every change is one of the boundary's
         ``notes``.

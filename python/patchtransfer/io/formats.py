@@ -19,6 +19,7 @@ from . import (
     mfem,
     npz,
     points,
+    rhino,
     splinepy_json,
     svg,
     vtu,
@@ -99,6 +100,7 @@ FORMATS = (
     ),
     Format("SVG", (".svg",), lambda data: _first_tag(data) == b"svg", read_boundary=svg.read_boundary, layers=True),
     Format("DXF", (".dxf",), dxf.looks_like_dxf, read_boundary=dxf.read_boundary, layers=True),
+    Format("Rhino 3dm", (".3dm",), rhino.looks_like_rhino, read_boundary=rhino.read_boundary, layers=True),
     Format(
         "GeoJSON", (".geojson", ".json"), geojson.looks_like_geojson, read_boundary=geojson.read_boundary, layers=True
     ),
