@@ -23,7 +23,7 @@ from ..geometry.boundary import Boundary
 from ..limits import MAX_CURVES, MAX_DXF_LINES, at_most
 from ..numeric.arrays import FloatArray
 from .optional import damaged, library
-from .options import BoundaryOptions
+from .options import DEFAULT, BoundaryOptions
 from .pieces import Piece, arc, boundary_of, bulge, full_turn, line, spline
 
 __all__ = ["looks_like_dxf", "read_boundary"]
@@ -141,7 +141,7 @@ def _listed(counts: Counter[str]) -> str:
     return ", ".join(told + ([f"{rest} others"] if rest else []))
 
 
-def read_boundary(data: bytes, options: BoundaryOptions) -> Boundary:
+def read_boundary(data: bytes, options: BoundaryOptions = DEFAULT) -> Boundary:
     """Boundary of a drawing; see `patchtransfer.read_boundary`."""
     document = _document(data)
     with damaged("its layers cannot be read", "save it again with a CAD program"):
