@@ -27,7 +27,19 @@ with atheris.instrument_imports(include=["patchtransfer", "svgpathtools"]):
     import patchtransfer as pt
     from patchtransfer import io
     from patchtransfer.files import json_text
-    from patchtransfer.io import airfoil, dxf, geojson, geopdes, gismo, layout_json, mfem, npz, points, splinepy_json, svg
+    from patchtransfer.io import (
+        airfoil,
+        dxf,
+        geojson,
+        geopdes,
+        gismo,
+        layout_json,
+        mfem,
+        npz,
+        points,
+        splinepy_json,
+        svg,
+    )
 
 #: Above what a run takes by itself, and above atheris' own tables.
 MEMORY = 2 * 2**30

@@ -83,7 +83,8 @@ class Boundary:
         >>> Boundary.from_shapely(shapely.box(0, 0, 4, 3) - shapely.box(1, 1, 2, 2))
         <Boundary: 2 loops of 4, 4 curves>
         """
-        return make("shapely", polygon, smooth=smooth)
+        boundary: Boundary = make("shapely", polygon, smooth=smooth)
+        return boundary
 
     @classmethod
     def from_mask(
@@ -129,7 +130,8 @@ class Boundary:
         >>> Boundary.from_mask(mask)
         <Boundary: 1 loops of 4 curves>
         """
-        return make("mask", mask, tolerance=tolerance, corner_angle=corner_angle, smooth=smooth)
+        boundary: Boundary = make("mask", mask, tolerance=tolerance, corner_angle=corner_angle, smooth=smooth)
+        return boundary
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Boundary) and self.loops == other.loops

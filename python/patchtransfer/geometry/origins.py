@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from .boundary import Boundary
+from typing import Any
 
 __all__ = ["make", "make_with"]
 
-_makers: dict[str, Callable[..., Boundary]] = {}
+_makers: dict[str, Callable[..., Any]] = {}
 
 
-def make_with(makers: Mapping[str, Callable[..., Boundary]]) -> None:
+def make_with(makers: Mapping[str, Callable[..., Any]]) -> None:
     """Set what makes a boundary, by the kind of what it is made of."""
     _makers.update(makers)
 
 
-def make(kind: str, origin: Any, **options: Any) -> Boundary:
+def make(kind: str, origin: Any, **options: Any) -> Any:
     """The boundary that `origin` describes."""
     return _makers[kind](origin, **options)
