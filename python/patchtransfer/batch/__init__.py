@@ -272,7 +272,7 @@ def _transfer(plan: TransferPlan, job: _Job, options: BatchOptions) -> BatchRow:
         metrics, good = result.quality.scaled_jacobian, result.certificate.injective
         io.write(result.multipatch, job.output)
         digest = hashlib.sha256(job.output.read_bytes()).hexdigest()
-        content = result.to_dict()
+        content = result.to_dict() | {"notes": list(target.notes)}
         row = BatchRow(
             str(job.target),
             result.certificate.status,
