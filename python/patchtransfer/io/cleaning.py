@@ -51,11 +51,12 @@ def mended(
     size = diameter(curves)
     length = np.array([polygon_length(c) for c in curves])
     kept = np.flatnonzero(length > NEGLIGIBLE * size).tolist()
+    if not kept:
+        # Nothing would be left to tell about; whoever chains them names the first.
+        return list(names), list(curves)
     gone = [f"{names[i]} has no length and is left out" for i in np.flatnonzero(length <= NEGLIGIBLE * size).tolist()]
     _tell(notes, gone, "curves without length left out")
     names, result, length = [names[i] for i in kept], [curves[i] for i in kept], length[kept]
-    if not result:
-        return [], []
     told = []
     for i, j, a, b in _gaps(result, TOLERANCE * size, RESOLUTION * size):
         gap = float(np.linalg.norm(a - b))

@@ -24,9 +24,9 @@ from .safe_xml import local_name
 __all__ = ["SHAPES", "Segment", "Subpath", "length_of", "subpaths"]
 
 ARC_STEP = 0.28
-#: Distance of an arc's centre from the middle of its chord, relative to that, below which it is half an ellipse: there
-#: the centre comes out of a square root of rounding, 1e-8.
-HALF = 1e-7
+#: Distance of an arc's centre from the middle of its chord, relative to the radius, below which it is half an ellipse:
+#: there the distance is the square root of rounding, 1e-8 to 3e-8.
+HALF = 5e-8
 
 #: What can make a segment of a path: a number, or a closing command.
 ENTRIES = re.compile(r"[0-9]+|[zZ]")
@@ -118,13 +118,9 @@ def _arc(arc: Any) -> Segment:
     turn = np.exp(1j * math.radians(arc.rotation))
     delta, first, center = math.radians(arc.delta), math.radians(arc.theta), arc.center
     middle = (arc.start + arc.end) / 2
-    if abs(center - middle) <= HALF * abs(arc.end - arc.start):
-        out = (arc.start - middle) / turn
-        delta, first, center = (
-            math.copysign(math.pi, delta),
-            math.atan2(out.imag / radius.imag, out.real / radius.real),
-            middle,
-        )
+    if abs(_on_circle((center - middle) / turn, radius)) <= HALF:
+        out = _on_circle((arc.start - middle) / turn, radius)
+        delta, first, center = math.copysign(math.pi, delta), math.atan2(out.imag, out.real), middle
     n = max(1, math.ceil(abs(delta) / ARC_STEP))
     phi = np.exp(1j * (first + delta * np.arange(n + 1) / n))
     k = 4 / 3 * math.tan(delta / n / 4)
@@ -134,6 +130,11 @@ def _arc(arc: Any) -> Segment:
     z[0], z[-1] = arc.start, arc.end
     knots = np.concatenate([np.zeros(4), np.repeat(np.arange(1, n) / n, 2), np.ones(4)])
     return knots, 3, np.column_stack([z.real, z.imag])
+
+
+def _on_circle(z: complex, radius: complex) -> complex:
+    """A vector in units of the half axes."""
+    return complex(z.real / radius.real, z.imag / radius.imag)
 
 
 def length_of(element: Element, attribute: str, default: float | None = None) -> float:
