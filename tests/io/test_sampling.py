@@ -134,6 +134,7 @@ def test_repeated_points_are_left_out_with_a_note():
         (np.zeros((4, 3)), r"loop 0 has the shape \(4, 3\)"),
         ([[(0, 0), (1, 0), (0, np.nan)]], "loop 0, point 2: NaN"),
         ([[(0, 0), (1, 0)]], "fewer than 3"),
+        (1e140 * circle(40), "above 1e.100"),
         ([[("a", 0), (1, 0), (1, 1)]], "not an array of numbers"),
     ],
 )

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["interpolate_outline", "read_outline"]
 
 LONG_EDGE = 5.0
+#: Largest coordinate of points that a spline goes through: the cubes of lengths must not overflow.
+LARGEST = 1e100
 
 
 def interpolate_outline(
@@ -69,6 +71,8 @@ def read_outline(
     if not reading.smooth:
         ends = np.flatnonzero(reading.corner)
         return [_line(points[a], points[b]) for a, b in zip(ends, np.roll(ends, -1), strict=True)], reading
+    if np.abs(points).max() > LARGEST:
+        raise InputError(f"{name}: a coordinate above {LARGEST:g} is too large for a smooth curve; take smaller units")
     corner = reading.corner
     long_after, long_before = _long(length)
     # At a straight edge's end the tangent is prescribed unless there is a corner.
