@@ -176,3 +176,9 @@ def test_units_are_those_of_the_standard():
 def test_segments_that_vanish_beside_a_wild_point_are_named():
     boundary = picture('<path d="M0 0 L1 0 L1 1 L2e13 5 L0 9 Z"/>')
     assert "left out" in boundary.notes[0]
+
+
+def test_a_line_that_touches_filled_pieces_does_not_keep_them_from_closing():
+    boundary = picture('<path d="M0 0 Q5 -5 9 0"/><path d="M9 0 Q5 5 0 0"/><path id="hair" d="M9 0 h4"/>')
+    assert [len(loop) for loop in boundary.loops] == [2]
+    assert any("<path> hair" in note for note in boundary.notes)

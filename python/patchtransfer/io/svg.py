@@ -124,8 +124,11 @@ def _loops(
     if clean:
         pieces = _mended(pieces, notes)
     chained, rest = _chained(pieces, TOLERANCE * size, notes)
-    loops = closed + chained
-    for group in _touching([piece for piece in rest if piece.filled and not piece.flat], TOLERANCE * size):
+    # Lines that touch filled pieces do not keep these from closing.
+    lines = [piece for piece in rest if not piece.filled or piece.flat]
+    filled, rest = _chained([piece for piece in rest if piece.filled and not piece.flat], TOLERANCE * size, notes)
+    loops = closed + chained + filled
+    for group in _touching(rest, TOLERANCE * size):
         if len(group) > 1:
             _refuse(group, TOLERANCE * size)
         (piece,) = group
@@ -133,7 +136,6 @@ def _loops(
         line = BSplineCurve([0.0, 0.0, 1.0, 1.0], 1, [last, first])
         notes.append(f"closed {piece.name} by a line of {np.linalg.norm(last - first):.3g}, as its filling is")
         loops.append(replace(piece, curves=[*piece.curves, line]))
-    lines = [piece for piece in rest if not piece.filled or piece.flat]
     if lines and not loops:
         _refuse(lines, TOLERANCE * size)
     for piece in lines:
