@@ -483,7 +483,7 @@ def test_paths_are_printed_as_they_are(files):
 
 
 def test_ctrl_c(files, monkeypatch):
-    def interrupt(_):
+    def interrupt(_, **_options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pt.io, "read_boundary", interrupt)

@@ -102,8 +102,8 @@ class Boundary:
         >>> ring.notes[0]
         'loop 1 (4 points): taken as corners of a polygon; smooth=True (--smooth) draws a smooth curve through them'
         """
-        made: Boundary = make("points", loops, smooth=smooth, corner_angle=corner_angle, clean=clean)
-        return made
+        boundary: Boundary = make("points", loops, smooth=smooth, corner_angle=corner_angle, clean=clean)
+        return boundary
 
     @classmethod
     def from_shapely(cls, polygon: Any, *, smooth: bool | None = None) -> Boundary:
