@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import patchtransfer as pt
 from patchtransfer import Boundary, BSplineCurve
 from patchtransfer.io.cleaning import cleaned, mended
-from patchtransfer.io.loops import chain
+from patchtransfer.io.loops import TOLERANCE, chain, diameter
 
 
 def line(a, b) -> BSplineCurve:
@@ -111,7 +111,8 @@ def test_noise_of_printing_at_the_ends_of_pieces_is_closed(gap, angle, order, pl
     ends = moved(corners, *place)
     pieces = [line(ends[2 * i + 1], ends[(2 * i + 2) % 10]) for i in order]
     notes: list[str] = []
-    (loop,) = chain(*mended([f"edge {i}" for i in order], pieces, notes), 1e-6 * place[1])
+    names, joined = mended([f"edge {i}" for i in order], pieces, notes)
+    (loop,) = chain(names, joined, TOLERANCE * diameter(joined))
     assert len(loop) == 5
     assert len(notes) == (5 if gap > 3e-6 else len(notes))
     starts = np.array([c.start for c in loop])
