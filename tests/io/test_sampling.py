@@ -146,3 +146,13 @@ def test_bad_points_are_refused_by_loop_and_point(loops, message):
 def test_bad_corner_angles_are_refused():
     with pytest.raises(InputError, match="corner_angle"):
         Boundary.from_points(circle(5), corner_angle=0)
+
+
+def test_corners_beside_corners_are_corners_also_beside_an_arc():
+    t = np.pi * (np.arange(61) / 60 - 0.5)
+    arc = [12, 4] + 4 * np.column_stack([np.cos(t), np.sin(t)])
+    plate = np.vstack([arc, [(3, 8), (0, 5), (0, 0)]])
+    (loop,) = Boundary.from_points(plate).loops
+    starts = {tuple(c.start.tolist()) for c in loop}
+    assert {(3.0, 8.0), (0.0, 5.0), (0.0, 0.0)} <= starts
+    assert sorted(c.degree for c in loop) == [1, 1, 1, 1, 3]

@@ -38,6 +38,7 @@ def build(
     json_path: str | None,
     clean: bool,
     smooth: bool | None,
+    layers: tuple[str, ...] | None,
 ) -> None:
     """Parameterize a domain from the quad layout LAYOUT (JSON) and the boundary that it names."""
     from .. import io
@@ -46,7 +47,7 @@ def build(
     report = Report(json_path)
     with failures(report):
         check_outputs(model=output, picture=plot_path, report=json_path)
-        given = io.read_layout(layout, clean=clean, smooth=smooth)
+        given = io.read_layout(layout, clean=clean, smooth=smooth, layers=layers)
         keep_inputs([layout, given.boundary_file], [output, plot_path, json_path])
         try:
             result = from_layout(

@@ -6,16 +6,16 @@ over a few points, is found this way, and ripples smaller than the window are no
 the edges. Of the points of a window the one that turns most counts; its *neighbours* are a window or an edge away.
 
 **Corner of a smooth curve.** A point whose turn exceeds the corner angle and is more than three times what its
-neighbours explain, the smaller of their turns to the same side. (A chamfer has two corners, the tip of a coarsely
-sampled ellipse none.) The corner angle is moved into the widest gap between the turns near it, so that rounding never
-flips single corners.
+neighbours explain, the smaller of their turns to the same side; corners explain nothing. (A chamfer has two corners,
+the tip of a coarsely sampled ellipse none.) The corner angle is moved into the widest gap between the turns near it,
+so that rounding never flips single corners.
 
 **Polygon or samples.** All turns that are no corners decide together, by one angle: their mean, weighed by their
 size, of the turn from one sample to the next, plus what the neighbours do not explain, the distance of the turn from
 the interval between theirs (its square over the turn). A circle sampled in steps of 15° has 15°, a polygon of 16
 equal sides 22.5°; one of 24 sides with seven points on each has 15° for its kinks and as much again for their
-suddenness; outlines of countries have 30° to 100°. From 19.5° on,
-or if more than every fourth point is a corner, all are corners.
+suddenness; outlines of countries have 30° to 100°. From 19.5° on, or if more than every fourth point is a corner, all
+are corners.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ SUDDEN = 3.0
 CORNER_SHARE = 0.25
 #: Range around the corner angle in which the gap is looked for, as a factor up and down.
 GAP_RANGE = 1.25
+#: Rounds in which corners make corners of their neighbours: more are in a row in no drawing.
+ROUNDS = 1000
 #: Turns below this (radians) are rounding: the points are on a line.
 STRAIGHT = 1e-9
 
@@ -64,17 +66,29 @@ class _Turns:
     """Between the two edges at the point itself."""
     step: FloatArray
     """From one sample to the next, at the curvature of the window."""
-    previous: FloatArray
-    following: FloatArray
+    before: NDArray[np.intp]
+    after: NDArray[np.intp]
+    """Numbers of the neighbours."""
     place: FloatArray
     window: float
     total: float
 
-    @property
-    def explained(self) -> FloatArray:
-        """The smaller of the neighbours' turns to the same side, 0 if one is to the other side."""
+    def explained(self, corner: NDArray[np.bool_]) -> FloatArray:
+        """The smaller of the neighbours' turns to the same side; 0 if one is to the other side or a corner."""
         side = np.sign(self.windowed)
-        return np.maximum(np.minimum(side * self.previous, side * self.following), 0.0)
+        before = np.where(corner[self.before], 0.0, side * self.previous)
+        after = np.where(corner[self.after], 0.0, side * self.following)
+        return np.maximum(np.minimum(before, after), 0.0)
+
+    @property
+    def previous(self) -> FloatArray:
+        """Turns of the neighbours before."""
+        return np.asarray(self.windowed[self.before])
+
+    @property
+    def following(self) -> FloatArray:
+        """Turns of the neighbours after."""
+        return np.asarray(self.windowed[self.after])
 
     @property
     def unexplained(self) -> FloatArray:
@@ -97,16 +111,28 @@ def read_points(points: FloatArray, smooth: bool | None, corner_angle: float) ->
     """
     turns = _turns(points)
     counted = _sharpest(turns)
-    size, explained = np.abs(turns.windowed), turns.explained
-    sudden = size > SUDDEN * explained
-    threshold = _in_gap(size[counted & sudden], math.radians(corner_angle))
-    # A corner at the point itself is one also beside a larger one.
-    corner = (size > threshold) & sudden & (counted | (np.abs(turns.sharp) > threshold))
+    size = np.abs(turns.windowed)
+    corner = _corners(turns, counted, math.radians(corner_angle))
     bent = counted & ~corner & (size > STRAIGHT) & ~_beside(turns, corner)
     angle = _mean_angle(turns, bent)
     if smooth is None:
         smooth = bool(angle < POLYGON_ANGLE and corner.sum() <= CORNER_SHARE * counted.sum())
     return Reading(smooth, corner if smooth else np.abs(turns.sharp) > STRAIGHT, angle)
+
+
+def _corners(turns: _Turns, counted: NDArray[np.bool_], angle: float) -> NDArray[np.bool_]:
+    size, corner = np.abs(turns.windowed), np.zeros(len(counted), bool)
+    sudden = size > SUDDEN * turns.explained(corner)
+    threshold = _in_gap(size[counted & sudden], angle)
+    # A corner at the point itself is one also beside a larger one.
+    possible = (size > threshold) & (counted | (np.abs(turns.sharp) > threshold))
+    for _ in range(ROUNDS):
+        found = possible & (size > SUDDEN * turns.explained(corner))
+        if (found == corner).all():
+            break
+        # What a corner explained may be one too.
+        corner = found
+    return corner
 
 
 def _turns(points: FloatArray) -> _Turns:
@@ -131,9 +157,7 @@ def _turns(points: FloatArray) -> _Turns:
     previous = np.searchsorted(np.concatenate([place - total, place]), place - reach, side="right") - 1
     previous = np.minimum(previous, np.arange(n) + n - 1)
     step = windowed * np.minimum((length + length_before) / (2 * window), 1.0)
-    return _Turns(
-        windowed, _turn(edge_before, edges), step, windowed[previous % n], windowed[following % n], place, window, total
-    )
+    return _Turns(windowed, _turn(edge_before, edges), step, previous % n, following % n, place, window, total)
 
 
 def _turn(before: FloatArray, after: FloatArray) -> FloatArray:
