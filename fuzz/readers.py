@@ -12,20 +12,33 @@ import resource
 import sys
 import tempfile
 import warnings
+import zipfile
+from contextlib import suppress
 from pathlib import Path
 from random import Random
 
 import atheris
 import numpy as np
 
-with atheris.instrument_imports(include=["patchtransfer", "svgpathtools"]):
-    import svgpathtools.document
-    import svgpathtools.parser  # noqa: F401
+with atheris.instrument_imports(include=["patchtransfer", "svg"]):
+    import svg.path  # noqa: F401
 
     import patchtransfer as pt
     from patchtransfer import io
     from patchtransfer.files import json_text
-    from patchtransfer.io import gismo, layout_json, points, svg
+    from patchtransfer.io import (
+        airfoil,
+        dxf,
+        geojson,
+        geopdes,
+        gismo,
+        layout_json,
+        mfem,
+        npz,
+        points,
+        splinepy_json,
+        svg,
+    )
 
 #: Above what a run takes by itself, and above atheris' own tables.
 MEMORY = 2 * 2**30
@@ -35,12 +48,18 @@ LAYOUT_POINTS = 200
 #: det J below minus this part of its largest value is clearly negative.
 CLEAR = 1e-6
 
+#: Products below lose digits.
+UNDERFLOW = 1e-290
+
 #: Numbers and tags.
 TOKENS = re.compile(rb"(<[^<>]*>|[-+.0-9][-+.0-9eE/]*)")
 NUMBERS = [
     *(b"0 1 2 3 -1 0.5 -0.0 1e-8 1e-200 5e-324 2.2e-308 1e150 -1e150 1e151 1e308 -1e308 1e999 nan inf".split()),
     *(b"1/3 1/0 19 20 1000000 99999999999999999999 0.30000000000000004 1e16 -1e-16".split()),
 ]
+
+# The sums of an archive's bytes would hide all that is behind them from changed ones.
+zipfile.ZipExtFile._update_crc = lambda self, newdata: None
 
 SQUARE = b"0,0\n1,0\n1,1\n0,1\n"
 
@@ -49,6 +68,35 @@ def multipatch(data: bytes) -> None:
     """A G+Smo file, its certificate and its reports."""
     model = gismo.read_multipatch(data)
     assert gismo.read_multipatch(gismo.format_multipatch(model).encode()).patches == model.patches
+    check(model)
+
+
+def geopdes_model(data: bytes) -> None:
+    """A GeoPDEs file, told apart from points, and what is written of it."""
+    geopdes.looks_like_geopdes(data)
+    model = geopdes.read_multipatch(data)
+    again = geopdes.read_multipatch(geopdes.format_multipatch(model).encode())
+    assert again.interfaces == model.interfaces
+    largest = max(np.abs(patch.control_points).max() for patch in model)
+    lightest = min(1.0 if patch.weights is None else patch.weights.min() for patch in model)
+    # Products of tiny numbers underflow.
+    if largest * lightest > UNDERFLOW:
+        for patch, other in zip(model, again, strict=True):
+            assert np.abs(patch.control_points - other.control_points).max() <= 1e-15 * largest
+    check(model)
+
+
+def mfem_model(data: bytes) -> None:
+    """An MFEM mesh, and what is written of it."""
+    model = mfem.read_multipatch(data)
+    again = mfem.read_multipatch(mfem.format_multipatch(model).encode())
+    assert again.patches == model.patches
+    assert len(again.interfaces) == len(model.interfaces)
+    check(model)
+
+
+def check(model: pt.MultiPatch) -> None:
+    """The certificate and the reports of a small model."""
     if sum(patch.control_points.size for patch in model.patches) > 2 * CERTIFIED_POINTS:
         return
     certificate = pt.certify(model, max_depth=6)
@@ -70,6 +118,24 @@ def sampled(patch: pt.Patch) -> np.ndarray:
     return du[..., 0] * dv[..., 1] - du[..., 1] * dv[..., 0]
 
 
+def npz_model(data: bytes) -> None:
+    """Arrays of NumPy."""
+    with suppress(pt.TransferError):
+        model = npz.read_multipatch(data)
+        assert npz.read_multipatch(npz.format_multipatch(model)) == model
+        splinepy_json.format_multipatch(model)
+    boundary = npz.read_boundary(data)
+    assert len(npz.read_boundary(npz.format_boundary(boundary)).loops) == len(boundary.loops)
+
+
+def splinepy_model(data: bytes) -> None:
+    """Splines of splinepy in JSON."""
+    with suppress(pt.TransferError):
+        model = splinepy_json.read_multipatch(data)
+        assert splinepy_json.read_multipatch(splinepy_json.format_multipatch(model).encode()).patches == model.patches
+    splinepy_json.read_boundary(data)
+
+
 def xml_boundary(data: bytes) -> None:
     """Curves or patches of a G+Smo file as a boundary."""
     boundary = gismo.read_boundary(data)
@@ -85,6 +151,23 @@ def csv_boundary(data: bytes) -> None:
 def svg_boundary(data: bytes) -> None:
     """Paths and shapes."""
     svg.read_boundary(data)
+
+
+def dxf_boundary(data: bytes) -> None:
+    """Drawings of lines, arcs and splines."""
+    dxf.read_boundary(data)
+
+
+def json_boundary(data: bytes) -> None:
+    """GeoJSON polygons."""
+    geojson.looks_like_geojson(data)
+    geojson.read_boundary(data)
+
+
+def dat_boundary(data: bytes) -> None:
+    """Airfoils."""
+    airfoil.looks_like_airfoil(data)
+    airfoil.read_boundary(data)
 
 
 def landmarks(data: bytes) -> None:
@@ -106,7 +189,22 @@ def layout(data: bytes) -> None:
             pt.QuadLayout(given.vertices, given.quads)
 
 
-TARGETS = {f.__name__: f for f in (multipatch, xml_boundary, csv_boundary, svg_boundary, landmarks, layout)}
+READERS = (
+    multipatch,
+    geopdes_model,
+    mfem_model,
+    npz_model,
+    splinepy_model,
+    xml_boundary,
+    csv_boundary,
+    svg_boundary,
+    dxf_boundary,
+    json_boundary,
+    dat_boundary,
+    landmarks,
+    layout,
+)
+TARGETS = {f.__name__: f for f in READERS}
 
 
 def _refuse(name: str) -> None:

@@ -15,6 +15,8 @@ ORDER = (
     "landmarks",
     "own_outline",
     "own_layout",
+    "alphabet",
+    "airfoils",
     "continuity",
     "morph",
     "deform",

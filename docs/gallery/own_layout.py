@@ -1,37 +1,33 @@
 """
-No source: from an outline alone
-================================
+No source: from your drawing alone
+==================================
 
-`patchtransfer.parameterize` finds the layout of quads itself. Here a wing section in a box becomes a model, and the
-model the source for other sections at other angles.
+`patchtransfer.parameterize` finds the layout of quads itself. Here an SVG drawing of a key becomes a certified model,
+and the model the source for another key.
 """
 
-import numpy as np
-from scipy.interpolate import make_interp_spline
+import tempfile
+from pathlib import Path
 
 import patchtransfer as pt
 
-
-def section(camber: float, thickness: float, degrees: float) -> pt.BSplineCurve:
-    """A four-digit NACA section of chord 1 as one cubic curve, from the trailing edge round the nose and back."""
-    s = np.linspace(1, -1, 61)
-    t = s**2
-    half = 5 * thickness * (0.2969 * np.abs(s) - 0.126 * t - 0.3516 * t**2 + 0.2843 * t**3 - 0.1036 * t**4)
-    points = np.column_stack([t - 0.5, 4 * camber * t * (1 - t) + np.sign(s) * half])
-    angle = -np.radians(degrees)
-    points = points @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    spline = make_interp_spline((1 - s) / 2, points, k=3)
-    return pt.BSplineCurve(spline.t, 3, spline.c)
+KEY = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 112 60">
+  <path d="M 37.3 25 H 105 L 110 30 L 105 35 H 98 V {first} H 91 V 35 H 84 V {second} H 77 V 35 H 37.3
+           A 18 18 0 1 1 37.3 25 Z"/>
+  <circle cx="{hole}" cy="30" r="7"/>
+</svg>"""
 
 
-def boxed(hole: pt.BSplineCurve) -> pt.Boundary:
-    """The domain around a section."""
-    corners = np.array([[-1, -0.75], [1.5, -0.75], [1.5, 0.75], [-1, 0.75]])
-    box = [pt.BSplineCurve([0, 0, 1, 1], 1, [corners[k], corners[(k + 1) % 4]]) for k in range(4)]
-    return pt.Boundary([box, [hole]])
+def outline(**sizes: float) -> pt.Boundary:
+    """Read the drawing with other sizes, as from a file."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "key.svg"
+        path.write_text(KEY.format(**sizes))
+        return pt.read_boundary(path)
 
 
-source = pt.parameterize(boxed(section(0.02, 0.14, 0)))
+key = outline(first=43, second=41, hole=14)
+source = pt.parameterize(key)
 print(source)
 assert source.certificate.injective
 assert source.boundary_error < 1e-3
@@ -39,23 +35,30 @@ assert source.boundary_error < 1e-3
 figure = pt.plot.multipatch(source.multipatch)
 
 # %%
-# What else was tried, the best first; ``source.layout`` is the layout kept, ready to be changed and given to
-# `patchtransfer.from_layout`.
+# What else was tried, the best first. ``prefer="quality"`` and ``max_patches`` ask for other ones.
 
 for candidate in source.candidates[:5]:
     print(f"{len(candidate.layout.quads):3} patches, score {candidate.score:.3f}: {candidate.origin}")
 
 # %%
-# Another section, at another angle: patches and knots stay, so that solutions of both can be compared number by number.
+# ``source.layout`` is the layout kept. Changed or not, `patchtransfer.from_layout` takes it: here with other splines.
 
-target = boxed(section(0.05, 0.09, 8))
-result = pt.transfer(source.multipatch, target)
-print(result.certificate.status, result.quality.scaled_jacobian)
-assert result.certificate.injective
-assert len(result.multipatch) == len(source.multipatch)
-assert result.quality.scaled_jacobian.mean > 0.9
-
-figure = pt.plot.transfer(source.multipatch, target, result.multipatch)
+layout = source.layout
+finer = pt.from_layout(layout.vertices, layout.quads, key, degree=2, spans=6, assignment=layout.assignment)
+print(finer)
+assert finer.certificate.injective
+assert finer.boundary_error < source.boundary_error
 
 # %%
-# ``patchtransfer parameterize OUTLINE.svg -o OUT.xml`` does the same from a drawing.
+# Another key, from the same patches.
+
+other = outline(first=40, second=45, hole=17)
+result = pt.transfer(source.multipatch, other)
+print(result)
+assert result.certificate.injective
+assert result.quality.scaled_jacobian.mean > 0.98
+
+figure = pt.plot.transfer(source.multipatch, other, result.multipatch)
+
+# %%
+# ``patchtransfer parameterize KEY.svg -o OUT.xml`` does the same from a drawing in a file.

@@ -10,12 +10,14 @@ from .errors import InfeasibleTargetError as InfeasibleTargetError
 from .errors import InputError as InputError
 from .errors import InputWarning as InputWarning
 from .errors import TransferError as TransferError
+from .geometry.blocks import Block as Block
 from .geometry.boundary import Boundary as Boundary
 from .geometry.curve import BSplineCurve as BSplineCurve
 from .geometry.multipatch import MultiPatch as MultiPatch
 from .geometry.patch import Patch as Patch
 from .geometry.sides import Interface as Interface
 from .geometry.sides import Side as Side
+from .io import convert as convert
 from .io import read as read
 from .io import read_boundary as read_boundary
 from .io import read_landmarks as read_landmarks

@@ -17,15 +17,19 @@ __all__ = [
     "MAX_CORNERS",
     "MAX_CURVES",
     "MAX_DEGREE",
+    "MAX_DXF_LINES",
     "MAX_FILE_BYTES",
     "MAX_FRAME_POINTS",
+    "MAX_JSON_LISTS",
     "MAX_LANDMARKS",
     "MAX_LAYOUT_BYTES",
     "MAX_LAYOUT_DEGREE",
     "MAX_LAYOUT_POINTS",
     "MAX_LINES",
     "MAX_LOOPS",
+    "MAX_MODEL_LINES",
     "MAX_PATCHES",
+    "MAX_PIXELS",
     "MAX_QUADS",
     "MAX_TAGS",
     "at_most",
@@ -35,6 +39,8 @@ __all__ = [
 MAX_FILE_BYTES = 64 * 2**20
 #: Tags of an XML or SVG file, opening and closing ones: each takes up to a kilobyte.
 MAX_TAGS = 1_000_000
+#: Lists and objects of a model in JSON: a million control points with weights have two million. Each takes 64 bytes.
+MAX_JSON_LISTS = 3_000_000
 #: Bytes of a layout, whose lists take twenty times as much when parsed.
 MAX_LAYOUT_BYTES = 4 * 2**20
 #: Degree of patches made on a layout: from 12 on the systems of the inside lose so many digits that patches get worse,
@@ -58,6 +64,12 @@ MAX_CORNERS = 4_000
 MAX_LANDMARKS = 1_000
 #: Lines of a text file, comments and empty ones too.
 MAX_LINES = 500_000
+#: Lines of a model as text: a weight and a point for each control point stand in lines of their own, and as many again.
+MAX_MODEL_LINES = 4 * MAX_CONTROL_POINTS
+#: Lines of a DXF file: 18 s and 0.6 GB at the bound.
+MAX_DXF_LINES = 6_000_000
+#: Pixels of an image, which takes 60 bytes for each while its regions are told apart.
+MAX_PIXELS = 16_000_000
 #: Quads of a layout, ...
 MAX_QUADS = 1_000
 #: ... and control points of the model made of it, which is optimised: 10 s and 1.5 GB at the bound.

@@ -35,11 +35,32 @@ def test_names_of_modules_are_public_there(name):
 
 def test_quickstart_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (code,) = re.findall(r"```python\n(.*?)```", (DOCS / "guide" / "quickstart.md").read_text(), re.DOTALL)
-    exec(code, {})
+    blocks = re.findall(r"```python\n(.*?)```", (DOCS / "guide" / "quickstart.md").read_text(), re.DOTALL)
+    assert len(blocks) == 2
+    for code in blocks:
+        exec(code, {})
     assert capsys.readouterr().out.startswith("True 0.9")
     assert pt.certify(pt.read("result.xml")).injective
     assert Path("result.png").stat().st_size > 10_000
+
+
+def test_models_are_handed_on_as_the_guide_says():
+    for name in ("splinepy", "geomdl", "nutils", "meshio", "skfem"):
+        pytest.importorskip(name)
+    blocks = re.findall(r"```python\n(.*?)```", (DOCS / "guide" / "hand-it-on.md").read_text(), re.DOTALL)
+    known: dict[str, object] = {}
+    with pytest.warns(pt.InputWarning, match="'right' is 2"):
+        exec("".join(blocks), known)
+    # The plate's area without its holes, and the side of its model that has the name.
+    assert len(known["basis"]) == known["mp"].topology.n_points
+    assert known["height"] == pytest.approx(known["facets"].dx.sum(), rel=1e-3)
+    assert known["area"] == pytest.approx(skfem_area(known["mesh"]), rel=1e-3)
+
+
+def skfem_area(mesh) -> float:
+    import skfem
+
+    return float(skfem.CellBasis(mesh, skfem.ElementQuad1()).dx.sum())
 
 
 def test_every_stage_page_is_listed_and_has_its_parts():

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import patchtransfer as pt
 from patchtransfer import InputError, MultiPatch, Patch
-from patchtransfer.io import gismo, points, svg
+from patchtransfer.io import geopdes, gismo, mfem, points, svg
 
 SQUARE = MultiPatch([Patch(([0, 0, 1, 1], [0, 0, 1, 1]), (1, 1), [[[0, 0], [0, 1]], [[1, 0], [1, 1]]])])
 SVG = '<?xml version="1.0"?><!-- <xml> --><svg xmlns="http://www.w3.org/2000/svg"><path d="M0 0h1v1z"/></svg>'
@@ -111,6 +111,8 @@ def test_a_failure_at_any_step_keeps_the_old_file(tmp_path, monkeypatch, step):
 SEEDS = [
     (gismo.read_multipatch, gismo.format_multipatch(SQUARE)),
     (gismo.read_boundary, gismo.format_boundary(SQUARE.boundary())),
+    (geopdes.read_multipatch, geopdes.format_multipatch(SQUARE)),
+    (mfem.read_multipatch, mfem.format_multipatch(SQUARE)),
     (
         svg.read_boundary,
         SVG.replace("h1v1z", "h3 A2 1 30 0 1 2 5 Q1 1 0 1z").replace("<path", '<g/><path transform="scale(2)"'),

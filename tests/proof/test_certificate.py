@@ -82,6 +82,12 @@ def test_negative_coefficient_of_a_positive_determinant_needs_subdivision():
     assert "raise max_depth" in shallow.reasons[0]
 
 
+def test_a_side_that_is_a_point_is_the_reason():
+    triangle = pt.certify(pt.MultiPatch([quad((0, 0), (1, 0), (0.5, 1), (0.5, 1))]))
+    assert triangle.status == "undecided"
+    assert "its north side is a single point, so det J = 0 all along it" in triangle.reasons[0]
+
+
 def tiny_fold(low):
     """(x(u), y(v)) with x' = low + (u - 1/3)² and y' = 1e-3 + (v - 0.3)²: minimum off dyadic grids."""
 

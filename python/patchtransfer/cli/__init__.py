@@ -13,6 +13,7 @@ import click
 from .._core import __version__
 from .batch import batch
 from .build import build
+from .convert import convert
 from .examples import examples
 from .inspect import check, plot, refine
 from .morph import morph
@@ -30,5 +31,5 @@ def main() -> None:
     """Transfer multi-patch B-spline parameterizations to new boundaries, with a proof of injectivity."""
 
 
-for command in (parameterize, transfer, build, refine, check, plot, examples, batch, morph, poisson):
+for command in (parameterize, transfer, build, refine, convert, check, plot, examples, batch, morph, poisson):
     main.add_command(command)

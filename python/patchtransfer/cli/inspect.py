@@ -63,6 +63,7 @@ def refine(file: str, output: str, elevate: int, split: int, smoothness: int | N
 def check(file: str, json_path: str | None) -> None:
     """Topology, certificate, quality and continuity of the multi-patch FILE."""
     from .. import io
+    from ..geometry.labels import plain
     from ..measure.continuity import check_continuity
     from ..measure.quality import quality
     from ..proof.certificate import certify
@@ -76,6 +77,7 @@ def check(file: str, json_path: str | None) -> None:
         degenerate = [(cell.patch, cell.corner) for cell in certificate.cells if cell.kind == "degenerate"]
         content = {
             "topology": _topology(model),
+            "labels": plain(model.sides),
             "certificate": certificate.to_dict(),
             "quality": quality(model, exclude=degenerate).to_dict(),
             "continuity": check_continuity(model).to_dict(),

@@ -22,7 +22,7 @@ from .sides import CORNERS, Interface, Side
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-__all__ = ["check_interfaces", "infer_interfaces"]
+__all__ = ["Misfit", "check_interfaces", "infer_interfaces", "misfits"]
 
 #: Control points of one point may differ by this much, relative to the model's diameter: the last of six digits.
 COINCIDENCE = 1e-5
@@ -35,6 +35,25 @@ ROUNDING_ULPS = 16.0
 NEAREST = 16
 #: Patch corners that are looked at around the end of a side: more than meet in any point of a valid model.
 NEAREST_CORNERS = 64
+
+
+class Misfit(NamedTuple):
+    """An interface that does not fit its patches: its number, what is wrong ("names", "knots" or "gap"), and a line.
+
+    `gap` is how far apart the sides are: their control points, or their ends where the knots differ.
+    """
+
+    number: int
+    kind: str
+    reason: str
+    gap: float = 0.0
+
+
+ADVICE = {
+    "names": "; correct it",
+    "knots": "; make the patches conform first",
+    "gap": "; mend the file, or leave the interfaces out to have them inferred",
+}
 
 
 class _Sides(NamedTuple):
@@ -93,42 +112,67 @@ def check_interfaces(patches: Sequence[Patch], interfaces: Sequence[Interface]) 
 
     Gaps may be as large as `infer_interfaces` bridges.
     """
+    for misfit in misfits(patches, interfaces):
+        raise InputError(f"{misfit.reason}{ADVICE[misfit.kind]}")
+
+
+def misfits(patches: Sequence[Patch], interfaces: Sequence[Interface]) -> Iterator[Misfit]:
+    """Interfaces that do not fit the patches, in their order."""
     points = np.concatenate([p.control_points.reshape(-1, 2) for p in patches])
     largest, rounding = _tolerances([points])
     used: set[tuple[int, Side]] = set()
-    for f in interfaces:
+    for i, f in enumerate(interfaces):
+        stray = [k for k in (f.patch_a, f.patch_b) if not 0 <= k < len(patches)]
+        sides = [(f.patch_a, f.side_a), (f.patch_b, f.side_b)]
+        twice = [s for n, s in enumerate(sides) if s in used or s in sides[:n]]
+        used |= set(sides)
         name = f"interface {f.name}"
-        for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b)):
-            if not 0 <= k < len(patches):
-                raise InputError(f"{name}: there is no patch {k}")
-            if (k, side) in used:
-                raise InputError(f"{name}: {side.name.lower()} of patch {k} is in more than one interface")
-            used.add((k, side))
+        if stray:
+            yield Misfit(i, "names", f"{name}: there is no patch {stray[0]}")
+            continue
+        if twice:
+            k, side = twice[0]
+            yield Misfit(i, "names", f"{name}: {side.name.lower()} of patch {k} is in more than one interface")
+            continue
         a, b = patches[f.patch_a], patches[f.patch_b]
-        _check_knots(name, f, a, b)
-        points_b = f.side_b.of(b.control_points)
-        gap = np.abs(f.side_a.of(a.control_points) - (points_b[::-1] if f.reversed else points_b)).max()
-        # The thickness is asked for only where something differs: most sides are equal to the bit.
-        if gap > 0 and (gap > rounding or f.patch_a == f.patch_b):
-            nets, unit = _scaled((a, b))
-            thin = unit * OF_THICKNESS * min(_thickness(net, rounding / unit) for net in nets)
-            tolerance = min(largest, thin)
-            if gap > tolerance:
-                what = "" if tolerance == largest else f", half the thickness of patch {_thinner(f, nets)}"
-                raise InputError(
-                    f"{name}: control points are {gap:.3g} apart (tolerance {tolerance:.3g}{what}); mend the file, or "
-                    "leave the interfaces out to have them inferred"
-                )
+        if reason := _other_knots(f, a, b):
+            yield Misfit(i, "knots", f"{name}: {reason}", _distance(f, a, b, ends_only=True))
+        elif reason := _gap(f, a, b, largest, rounding):
+            yield Misfit(i, "gap", f"{name}: {reason}", _distance(f, a, b))
 
 
-def _check_knots(name: str, f: Interface, a: Patch, b: Patch) -> None:
+def _gap(f: Interface, a: Patch, b: Patch, largest: float, rounding: float) -> str | None:
+    """What parts the control points of two sides."""
+    gap = _distance(f, a, b)
+    # The thickness is asked for only where something differs: most sides are equal to the bit.
+    if gap > 0 and (gap > rounding or f.patch_a == f.patch_b):
+        nets, unit = _scaled((a, b))
+        thin = unit * OF_THICKNESS * min(_thickness(net, rounding / unit) for net in nets)
+        tolerance = min(largest, thin)
+        if gap > tolerance:
+            what = "" if tolerance == largest else f", half the thickness of patch {_thinner(f, nets)}"
+            return f"control points are {gap:.3g} apart (tolerance {tolerance:.3g}{what})"
+    return None
+
+
+def _distance(f: Interface, a: Patch, b: Patch, ends_only: bool = False) -> float:
+    """Largest distance of the control points of two sides."""
+    points_a, points_b = f.side_a.of(a.control_points), f.side_b.of(b.control_points)
+    points_b = points_b[::-1] if f.reversed else points_b
+    kept = [0, -1] if ends_only else slice(None)
+    return float(np.abs(points_a[kept] - points_b[kept]).max())
+
+
+def _other_knots(f: Interface, a: Patch, b: Patch) -> str | None:
+    """How degrees or knots of two sides differ."""
     axis_a, axis_b = f.side_a.axis, f.side_b.axis
     knots_b = reverse_knots(b.knots[axis_b]) if f.reversed else b.knots[axis_b]
     knots_a, length = a.knots[axis_a], np.ptp(a.knots[axis_a])
     if a.degrees[axis_a] != b.degrees[axis_b] or len(knots_a) != len(knots_b):
-        raise InputError(f"{name}: degrees or knots differ along it; make the patches conform first")
+        return "degrees or knots differ along it"
     if np.abs((knots_a - knots_a[0]) / length - (knots_b - knots_b[0]) / np.ptp(knots_b)).max() > 1e-9:
-        raise InputError(f"{name}: knots differ along it; make the patches conform first")
+        return "knots differ along it"
+    return None
 
 
 def _scaled(patches: Sequence[Patch]) -> tuple[list[FloatArray], float]:

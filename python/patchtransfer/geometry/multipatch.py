@@ -6,19 +6,32 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from .._core import Locator
 from ..errors import InputError
-from ..numeric.arrays import FloatArray, frozen_array
-from . import display
+from ..numeric.arrays import FloatArray, IntArray, frozen_array
+from . import display, exchange
 from .blocks import Block
 from .boundary import Boundary
 from .interfaces import check_interfaces, infer_interfaces
+from .labels import Labels, checked
+from .location import locate
 from .packing import PackedPatches, pack_patches, unpack_patches
 from .patch import Patch
 from .sides import Interface, Side
 from .topology import BoundarySide, Topology, Vertex
+
+if TYPE_CHECKING:
+    import geomdl.multi
+    import meshio
+    import nutils.function
+    import nutils.topology
+    import pyvista
+    import splinepy
 
 __all__ = ["MultiPatch"]
 
@@ -30,6 +43,7 @@ class MultiPatch:
     Parameters
     ----------
     patches : sequence of Patch
+        Weights that are all equal on a patch are left out: it is polynomial.
     interfaces : sequence of Interface, optional
         None (the default) infers them from coinciding side control points.
     ids : sequence of int, optional
@@ -48,7 +62,7 @@ class MultiPatch:
 
     interfaces: tuple[Interface, ...]
     ids: tuple[int, ...]
-    sides: Mapping[str, tuple[tuple[int, Side], ...]]
+    sides: Labels
     blocks: tuple[Block, ...]
 
     def __init__(
@@ -59,7 +73,7 @@ class MultiPatch:
         labels: Mapping[str, Iterable[tuple[int, Side | int]]] | None = None,
         blocks: Iterable[Block] = (),
     ) -> None:
-        patches = tuple(patches)
+        patches = tuple(patch._without_equal_weights() for patch in patches)
         if not patches:
             raise InputError("a multi-patch needs at least one patch")
         ids = tuple(range(len(patches))) if ids is None else tuple(int(i) for i in ids)
@@ -70,7 +84,7 @@ class MultiPatch:
         object.__setattr__(self, "patches", patches)
         object.__setattr__(self, "interfaces", glued)
         object.__setattr__(self, "ids", ids)
-        object.__setattr__(self, "sides", _sides(labels or {}, len(patches)))
+        object.__setattr__(self, "sides", checked(labels or {}, len(patches)))
         object.__setattr__(self, "blocks", tuple(blocks))
 
     def __eq__(self, other: object) -> bool:
@@ -183,12 +197,14 @@ class MultiPatch:
         Parameters
         ----------
         labels : mapping of str to iterables of (patch, side)
-            Patches by their position, 0 is the first. ``{**mp.sides, "inlet": [(0, Side.WEST)]}`` adds one.
+            Patches by their position, 0 is the first; sides as `Side`, number or name ("west").
+            ``{**mp.sides, "inlet": [(0, "west")]}`` adds one.
 
         Raises
         ------
         InputError
-            When a patch or a side does not exist, a side is named twice in a label, or a name is empty.
+            When a patch or a side does not exist, a side is named twice in a label, a name is empty, or something is
+            not a pair.
 
         Examples
         --------
@@ -197,7 +213,7 @@ class MultiPatch:
         >>> mp.sides["jaw"]
         ((0, <Side.WEST: 1>), (3, <Side.NORTH: 4>))
         """
-        moved = self._with(sides=_sides(labels, len(self.patches)))
+        moved = self._with(sides=checked(labels, len(self.patches)))
         moved.__dict__["topology"] = self.topology
         return moved
 
@@ -230,32 +246,169 @@ class MultiPatch:
         """The boundary curves, loop by loop, the domain on their left."""
         return Boundary([[side.curve(self.patches) for side in loop] for loop in self.loops])
 
+    @classmethod
+    def from_splinepy(cls, splines: splinepy.Multipatch | Iterable[splinepy.Spline] | splinepy.Spline) -> MultiPatch:
+        """The model of splinepy's (and gustaf's) objects.
+
+        Parameters
+        ----------
+        splines : splinepy.Multipatch, spline or sequence of splines
+            Of any type, in the plane. Interfaces of a Multipatch are taken over, and inferred of splines alone; numbers
+            of boundaries other than 1 become labels such as "boundary 2".
+        """
+        made: MultiPatch = exchange.call("from_splinepy", splines)
+        return made
+
+    def to_splinepy(self) -> splinepy.Multipatch:
+        """A `splinepy.Multipatch` with the same interfaces; labels become numbers of boundaries from 2, which is told.
+
+        Raises
+        ------
+        InputError
+            Without splinepy: ``pip install 'patchtransfer[splinepy]'``.
+
+        Examples
+        --------
+        >>> from patchtransfer.examples import load
+        >>> made = load("frame")[0].to_splinepy()
+        >>> len(made.patches), made.dim
+        (14, 2)
+        """
+        return exchange.call("to_splinepy", self)
+
+    @classmethod
+    def from_geomdl(cls, surfaces: Any) -> MultiPatch:
+        """The model of geomdl's surfaces: one, a sequence, or a `SurfaceContainer`; interfaces are inferred."""
+        made: MultiPatch = exchange.call("from_geomdl", surfaces)
+        return made
+
+    def to_geomdl(self) -> geomdl.multi.SurfaceContainer:
+        """A container of surfaces of geomdl, in space with z = 0, on the same knots.
+
+        Raises
+        ------
+        InputError
+            Without geomdl: ``pip install 'patchtransfer[geomdl]'``.
+
+        Examples
+        --------
+        >>> from patchtransfer.examples import load
+        >>> [surface.degree_u for surface in load("star")[0].to_geomdl()]
+        [3, 3, 3, 3, 3, 3]
+        """
+        return exchange.call("to_geomdl", self)
+
+    def to_nutils(self) -> tuple[nutils.topology.Topology, nutils.function.Array]:
+        """Domain and geometry of nutils, exact: a knot span is an element.
+
+        Where necessary u and v of patches are turned around, since nutils wants glued sides to run in the same sense.
+        Labels of the boundary are names there: ``domain.boundary["inlet"]``. Models with two sides that have both
+        corners in common and are not glued cannot be coupled in nutils: their patches are left apart, with a warning.
+
+        Returns
+        -------
+        domain : nutils.topology.Topology
+        geom : nutils.function.Array
+            Shape (2,).
+
+        Raises
+        ------
+        InputError
+            Without nutils: ``pip install 'patchtransfer[nutils]'``.
+
+        Examples
+        --------
+        >>> from patchtransfer.examples import load
+        >>> domain, geom = load("star")[0].to_nutils()
+        >>> len(domain), geom.shape
+        (54, (2,))
+        """
+        made: tuple[nutils.topology.Topology, nutils.function.Array] = exchange.call("to_nutils", self)
+        return made
+
+    def to_meshio(self, samples: int = 4) -> meshio.Mesh:
+        """A mesh of quadrilaterals through sampled points, which neighbours share, for meshio and scikit-fem.
+
+        Parameters
+        ----------
+        samples : int, default 4
+            Cells of a knot span in each direction; 1 joins the knots by straight lines.
+
+        Returns
+        -------
+        meshio.Mesh
+            Cells "quad", counter-clockwise, and "line", the boundary with the domain on its left, and labelled sides
+            inside. The cell data "patch" are positions of patches; every label is a set of lines.
+
+        Raises
+        ------
+        InputError
+            Without meshio: ``pip install 'patchtransfer[meshio]'``.
+
+        Examples
+        --------
+        >>> from patchtransfer.examples import load
+        >>> mesh = load("star")[0].to_meshio(samples=2)
+        >>> {kind: len(cells) for kind, cells in mesh.cells_dict.items()}
+        {'quad': 216, 'line': 72}
+        """
+        return exchange.call("to_meshio", self, samples)
+
+    def to_pyvista(self) -> pyvista.UnstructuredGrid:
+        """A grid of exact Bézier cells, with the data that are written to VTU files.
+
+        Raises
+        ------
+        InputError
+            Without PyVista: ``pip install 'patchtransfer[pyvista]'``.
+        """
+        return exchange.call("to_pyvista", self)
+
     def _repr_png_(self) -> bytes | None:
         return display.as_png(self)
 
     def _repr_html_(self) -> str | None:
         return display.as_html(self)
 
+    @cached_property
+    def _locator(self) -> Locator:
+        return Locator([patch.to_core() for patch in self.patches])
 
-def _sides(
-    labels: Mapping[str, Iterable[tuple[int, Side | int]]], patches: int
-) -> Mapping[str, tuple[tuple[int, Side], ...]]:
-    """Labels, checked."""
-    sides = {}
-    for name, where in labels.items():
-        if not isinstance(name, str) or not name.strip():
-            raise InputError(f"a label is a name, not {name!r}")
-        named = []
-        for patch, side in where:
-            if not 0 <= patch < patches:
-                raise InputError(f"label {name!r}: there is no patch {patch}, the patches are 0 to {patches - 1}")
-            if side not in list(Side):
-                raise InputError(f"label {name!r}: side {side!r} of patch {patch} is not one of 1, 2, 3, 4")
-            named.append((int(patch), Side(side)))
-        if len(set(named)) != len(named):
-            raise InputError(f"label {name!r} names a side twice")
-        sides[name] = tuple(named)
-    return MappingProxyType(sides)
+    def locate(self, points: ArrayLike, *, tolerance: float = 1e-12) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Which patch points lie in, and at which parameters: many at once, a million in about a second.
+
+        The model is prepared at the first call, in milliseconds; the result is the same for any number of threads.
+
+        Parameters
+        ----------
+        points : (..., 2) array
+        tolerance : float, default 1e-12
+            A point outside gets the nearest point of the patches' sides if that is at most so far away, relative to
+            :attr:`diameter`. The default is what coordinates of twelve digits miss a boundary by, and the residual that
+            one may rely on; what rounding does to the largest coordinate (1.5e-14 of it) counts as inside in any case.
+
+        Returns
+        -------
+        patch : (...) array of int
+            Number of the patch, the lowest one on interfaces and at vertices; -1 for points that lie in none.
+        u, v : (...) arrays
+            Parameters with ``mp.patches[patch](u, v)`` at the point; NaN where `patch` is -1.
+
+        Raises
+        ------
+        InputError
+            On another shape, a coordinate that is not finite, or a negative tolerance.
+
+        Examples
+        --------
+        >>> square = Patch(([0, 0, 1, 1], [0, 0, 1, 1]), (1, 1), [[[0, 0], [0, 2]], [[2, 0], [2, 2]]])
+        >>> patch, u, v = MultiPatch([square]).locate([[0.5, 1.5], [3.0, 1.0]])
+        >>> patch
+        array([ 0, -1])
+        >>> u, v
+        (array([0.25,  nan]), array([0.75,  nan]))
+        """
+        return locate(self._locator, points, tolerance, self.diameter)
 
 
 def _unpacked(

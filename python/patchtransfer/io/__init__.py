@@ -1,14 +1,6 @@
 """Stage 0, input and output: files to `MultiPatch` and `Boundary`, and back.
 
-=========  ==========  =======================================  ==============================
-format     extensions  holds                                    reads / writes
-=========  ==========  =======================================  ==============================
-G+Smo XML  .xml        patches, boundary curves                 multi-patch, boundary / both
-CSV        .csv, .txt  points of closed outlines, landmarks     boundary, landmarks / –
-SVG        .svg        closed paths and shapes                  boundary / –
-VTU        .vtu        Bézier quadrilaterals                    – / multi-patch
-=========  ==========  =======================================  ==============================
-
+===============  ====================  =======================================  =======================
 A format is one entry of `FORMATS` (`formats`); its functions take and return the contents of files, and raise
 `InputError` without the path, which is added here.
 """
@@ -16,11 +8,13 @@ A format is one entry of `FORMATS` (`formats`); its functions take and return th
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, InputWarning
 from ..files import read_bytes, write_atomic
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
@@ -28,8 +22,10 @@ from ..numeric.arrays import FloatArray
 from . import points
 from .formats import FORMATS, BoundaryOptions, Format
 from .layout_json import LayoutFile, parse_layout
+from .losses import losses
+from .outline_only import OutlineOnlyError
 
-__all__ = ["FORMATS", "Format", "read", "read_boundary", "read_landmarks", "read_layout", "write"]
+__all__ = ["FORMATS", "Format", "convert", "read", "read_boundary", "read_landmarks", "read_layout", "write"]
 
 
 @contextmanager
@@ -42,7 +38,7 @@ def _naming(path: Path) -> Iterator[None]:
 
 
 def _extensions(formats: list[Format]) -> str:
-    return ", ".join(extension for f in formats for extension in f.extensions)
+    return ", ".join(dict.fromkeys(extension for f in formats for extension in f.extensions))
 
 
 def _format_of(path: Path, data: bytes) -> Format:
@@ -62,8 +58,9 @@ def read(path: str | os.PathLike[str]) -> MultiPatch:
     Parameters
     ----------
     path : path
-        A G+Smo XML file. Of several ``MultiPatch`` blocks the first is read, as in G+Smo (with a warning);
-        without any, all patches of the file. Interfaces that the file does not state are inferred.
+        G+Smo XML, GeoPDEs text, an MFEM NURBS mesh, npz or splinepy's JSON, told apart by content. Of several
+        ``MultiPatch`` blocks of a G+Smo file the first is read, as in G+Smo (with a warning); without any, all patches
+        of the file. Interfaces that the file does not state are inferred.
 
     Returns
     -------
@@ -79,13 +76,15 @@ def read(path: str | os.PathLike[str]) -> MultiPatch:
     with _naming(path):
         data = read_bytes(path)
         found = _format_of(path, data)
-        if found.read is None:
-            able = _extensions([f for f in FORMATS if f.read])
-            raise InputError(
-                f"a {found.name} file holds no patches; use read_boundary, and parameterize for patches, "
-                f"or a file of type {able}"
-            )
+        return _patches(found, data)
+
+
+def _patches(found: Format, data: bytes) -> MultiPatch:
+    if found.read is not None:
         return found.read(data)
+    if found.read_boundary is not None:
+        raise OutlineOnlyError(f"a {found.name} file holds no patches")
+    raise InputError(f"a {found.name} file holds no patches; {found.hint}")
 
 
 def read_boundary(
@@ -101,9 +100,10 @@ def read_boundary(
     ----------
     path : path
         G+Smo XML (a ``PlanarDomain``, loose curves in any order and sense, or patches, whose boundary is
-        taken), SVG (every closed path is a loop; y is flipped, so that pictures are upright) or CSV (lines
-        ``x,y``, one closed outline per block, blocks separated by blank lines; interpolated by cubic
-        splines between corners).
+        taken), SVG (every closed outline that is drawn is a loop, its pieces are joined; y is flipped, so that pictures
+        are upright), DXF (what is drawn in model space), Rhino's 3dm (curves), GeoJSON (a polygon), an airfoil's
+        points, an image (PNG, TIFF, BMP) of the region or CSV (lines ``x,y``, one closed outline per block, blocks
+        separated by blank lines; polygons, or cubic splines between corners).
     clean : bool, default True
         Mend what is plainly a slip: slivers, repeated points, tiny gaps. Every change is one of the boundary's
         ``notes``.
@@ -111,7 +111,8 @@ def read_boundary(
         Whether points are samples of smooth curves (True) or corners of a polygon (False); None (the default) decides
         by all turns together and tells in a note.
     layers : sequence of str, optional
-        Layers of a drawing to read; None (the default) takes all that are visible.
+        Layers of a drawing to read (of SVG: labels or ids of groups), or the name or number of a GeoJSON polygon; None
+        (the default) takes all that are visible.
 
     Returns
     -------
@@ -128,7 +129,9 @@ def read_boundary(
         data = read_bytes(path)
         found = _format_of(path, data)
         if found.read_boundary is None:
-            raise InputError(f"a {found.name} file holds no boundary")
+            raise InputError(f"a {found.name} file holds no boundary; {found.hint}")
+        if layers is not None and not found.layers:
+            raise InputError(f"a {found.name} file has no layers; leave out --layer (layers=)")
         return found.read_boundary(data, BoundaryOptions(clean, smooth, None if layers is None else tuple(layers)))
 
 
@@ -156,11 +159,18 @@ def read_landmarks(path: str | os.PathLike[str]) -> FloatArray:
         return points.read_landmarks(read_bytes(path))
 
 
-def read_layout(path: str | os.PathLike[str]) -> LayoutFile:
+def read_layout(
+    path: str | os.PathLike[str],
+    *,
+    clean: bool = True,
+    smooth: bool | None = None,
+    layers: Sequence[str] | None = None,
+) -> LayoutFile:
     """Read a quad layout (JSON) with the boundary file that it names.
 
     Fields: ``vertices`` [[x, y], ...], ``quads`` [[a, b, c, d], ...], ``boundary`` (a file, relative to the layout's
-    folder), optionally ``degree`` (3), ``spans`` (2) and ``assignment`` {vertex: [x, y]}.
+    folder), optionally ``degree`` (3), ``spans`` (2) and ``assignment`` {vertex: [x, y]}. `clean`, `smooth` and
+    `layers` are those of `read_boundary`.
 
     Raises
     ------
@@ -169,19 +179,23 @@ def read_layout(path: str | os.PathLike[str]) -> LayoutFile:
     """
     path = Path(path)
     with _naming(path):
-        return parse_layout(read_bytes(path), path.parent, read_boundary)
+        return parse_layout(
+            read_bytes(path), path.parent, partial(read_boundary, clean=clean, smooth=smooth, layers=layers)
+        )
 
 
 def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None:
-    """Write a multi-patch or a boundary as G+Smo XML, or a multi-patch as VTU (for ParaView), atomically.
+    """Write a multi-patch or a boundary, atomically.
 
-    Numbers are written in full, so that reading gives back the same bits.
+    Numbers are written in full, so that reading gives back the same bits; but GeoPDEs' control points are multiplied by
+    their weights, which rounds. What the format cannot hold is left out, with an `InputWarning`.
 
     Parameters
     ----------
     geometry : MultiPatch or Boundary
     path : path
-        Must end in ``.xml`` or ``.vtu``; an existing file is replaced.
+        The extension names the format: ``.xml`` (G+Smo) and ``.npz`` (NumPy) for both, ``.txt`` (GeoPDEs), ``.mesh``
+        (MFEM), ``.json`` (splinepy) and ``.vtu`` (ParaView) for multi-patches. An existing file is replaced.
 
     Raises
     ------
@@ -189,16 +203,72 @@ def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None
         On another extension, or when the folder does not exist or cannot be written to; no file is left
         behind.
     """
-    path = Path(path)
+    _write(geometry, Path(path))
+
+
+def _write(geometry: MultiPatch | Boundary, path: Path) -> None:
     with _naming(path):
-        formats = [f for f in FORMATS if f.write or f.write_boundary]
-        chosen = next((f for f in formats if path.suffix.lower() in f.extensions), None)
-        if chosen is None:
-            raise InputError(f"cannot write {path.suffix or 'a file without extension'}; use {_extensions(formats)}")
-        if isinstance(geometry, MultiPatch) and chosen.write:
-            text = chosen.write(geometry)
-        elif isinstance(geometry, Boundary) and chosen.write_boundary:
-            text = chosen.write_boundary(geometry)
-        else:
-            raise InputError(f"cannot write a {type(geometry).__name__}; pass a MultiPatch or a Boundary")
-    write_atomic(path, text)
+        content, lost = _written(geometry, path)
+    write_atomic(path, content)
+    for what in lost:
+        warnings.warn(f"{path}: {what}", InputWarning, stacklevel=3)
+
+
+def _written(geometry: MultiPatch | Boundary, path: Path) -> tuple[str | bytes, list[str]]:
+    """Contents of a file, and what it lacks."""
+    formats = [f for f in FORMATS if f.write or f.write_boundary]
+    chosen = next((f for f in formats if path.suffix.lower() in f.extensions), None)
+    if chosen is None:
+        raise InputError(f"cannot write {path.suffix or 'a file without extension'}; use {_extensions(formats)}")
+    if isinstance(geometry, MultiPatch):
+        if chosen.write:
+            return chosen.write(geometry), losses(geometry, chosen)
+    elif not isinstance(geometry, Boundary):
+        raise InputError(f"cannot write a {type(geometry).__name__}; pass a MultiPatch or a Boundary")
+    elif chosen.write_boundary:
+        return chosen.write_boundary(geometry), []
+    other = "Boundary" if isinstance(geometry, MultiPatch) else "MultiPatch"
+    able = [f for f in FORMATS if (f.write if isinstance(geometry, MultiPatch) else f.write_boundary)]
+    raise InputError(
+        f"a {chosen.name} file is written of a {other}, not of a {type(geometry).__name__}; use {_extensions(able)}"
+    )
+
+
+def convert(path: str | os.PathLike[str], to: str | os.PathLike[str]) -> MultiPatch | Boundary:
+    """Read a file and write it in another format.
+
+    Parameters
+    ----------
+    path : path
+        A multi-patch, or an outline where the file holds no patches; the format is told by the content.
+    to : path
+        The extension names the format, as for `write`: any for a multi-patch, ``.xml`` or ``.npz`` for an outline.
+
+    Returns
+    -------
+    MultiPatch or Boundary
+        What was written.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or the other one cannot be written; nothing is written then.
+
+    Warns
+    -----
+    InputWarning
+        For everything that the other format cannot hold: labels, other blocks, ids, interfaces that cannot be inferred.
+    """
+    path, to = Path(path), Path(to)
+    geometry: MultiPatch | Boundary
+    with _naming(path):
+        data = read_bytes(path)
+        found = _format_of(path, data)
+        try:
+            geometry = _patches(found, data)
+        except OutlineOnlyError:
+            if found.read_boundary is None:
+                raise
+            geometry = found.read_boundary(data, BoundaryOptions())
+    _write(geometry, to)
+    return geometry

@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..geometry.boundary import Boundary
 from ..limits import MAX_LAYOUT_BYTES, MAX_LAYOUT_DEGREE, MAX_QUADS, at_most
 
-__all__ = ["LayoutFile", "parse_layout"]
+__all__ = ["LayoutFile", "looks_like_a_layout", "parse_layout"]
 
 FIELDS = ("vertices", "quads", "boundary", "degree", "spans", "assignment")
 
@@ -33,6 +33,11 @@ class LayoutFile:
     spans: int
     assignment: dict[int, list[float]]
     boundary_file: Path
+
+
+def looks_like_a_layout(data: bytes) -> bool:
+    """Whether it is a JSON object that names the first fields of a layout."""
+    return data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{") and b'"quads"' in data and b'"vertices"' in data
 
 
 def parse_layout(data: bytes, folder: Path, read_boundary: Any) -> LayoutFile:
