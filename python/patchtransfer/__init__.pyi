@@ -11,6 +11,8 @@ from .errors import InputError as InputError
 from .errors import InputWarning as InputWarning
 from .errors import TransferError as TransferError
 from .geometry.boundary import Boundary as Boundary
+from .geometry.conform import Conformed as Conformed
+from .geometry.conform import conform as conform
 from .geometry.curve import BSplineCurve as BSplineCurve
 from .geometry.multipatch import MultiPatch as MultiPatch
 from .geometry.patch import Patch as Patch

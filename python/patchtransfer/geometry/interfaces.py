@@ -15,16 +15,23 @@ import numpy as np
 
 from ..errors import InputError
 from ..numeric.arrays import FloatArray
-from .basis import reverse_knots
+from .basis import knot_spans, reverse_knots
+from .mending import conform_command
 from .patch import Patch
 from .sides import CORNERS, Interface, Side
 from .tolerances import OF_THICKNESS, point_tree, scaled, thickness, thinnest, tolerances
 
-__all__ = ["check_interfaces", "infer_interfaces"]
+__all__ = ["SAME_KNOT", "Misfit", "check_interfaces", "infer_interfaces", "misfits"]
 
 #: Sides that are compared with a side, those with the nearest middles. In a valid model one coincides; files with
 #: thousands of copies of a patch must not take thousands of comparisons a side.
 NEAREST = 16
+
+
+#: What to do about sides that are far from each other.
+ELSEWHERE = "name the sides that meet, or leave all interfaces out to have them found"
+#: Knots are the same if they differ by less, with parameters mapped to [0, 1].
+SAME_KNOT = 1e-9
 
 
 class _Sides(NamedTuple):
@@ -83,8 +90,41 @@ def check_interfaces(patches: Sequence[Patch], interfaces: Sequence[Interface]) 
 
     Gaps may be as large as `infer_interfaces` bridges.
     """
+    for misfit in misfits(patches, interfaces):
+        raise InputError(str(misfit))
+
+
+class Misfit(NamedTuple):
+    """An interface whose sides differ.
+
+    Attributes
+    ----------
+    interface : Interface
+    difference : str
+        What they differ by.
+    mend : str
+        The command that makes them agree; empty if they are too far apart to have been meant to.
+    """
+
+    interface: Interface
+    difference: str
+    mend: str
+
+    def __str__(self) -> str:
+        leave = f"leave it out and run `{self.mend}`, or take MultiPatch.conform" if self.mend else ELSEWHERE
+        return f"interface {self.interface.name}: {self.difference}; {leave}"
+
+
+def misfits(patches: Sequence[Patch], interfaces: Sequence[Interface]) -> Iterator[Misfit]:
+    """Interfaces whose sides differ in degree, knots or control points.
+
+    Raises
+    ------
+    InputError
+        On interfaces of patches that do not exist, and on sides in two interfaces.
+    """
     points = np.concatenate([p.control_points.reshape(-1, 2) for p in patches])
-    largest, rounding = tolerances([points])
+    bounds = tolerances([points])
     used: set[tuple[int, Side]] = set()
     for f in interfaces:
         name = f"interface {f.name}"
@@ -95,30 +135,43 @@ def check_interfaces(patches: Sequence[Patch], interfaces: Sequence[Interface]) 
                 raise InputError(f"{name}: {side.name.lower()} of patch {k} is in more than one interface")
             used.add((k, side))
         a, b = patches[f.patch_a], patches[f.patch_b]
-        _check_knots(name, f, a, b)
-        points_b = f.side_b.of(b.control_points)
-        gap = np.abs(f.side_a.of(a.control_points) - (points_b[::-1] if f.reversed else points_b)).max()
-        # The thickness is asked for only where something differs: most sides are equal to the bit.
-        if gap > 0 and (gap > rounding or f.patch_a == f.patch_b):
-            nets, unit = scaled((a, b))
-            thin = unit * OF_THICKNESS * min(thickness(net, rounding / unit) for net in nets)
-            tolerance = min(largest, thin)
-            if gap > tolerance:
-                what = "" if tolerance == largest else f", half the thickness of patch {_thinner(f, nets)}"
-                raise InputError(
-                    f"{name}: control points are {gap:.3g} apart (tolerance {tolerance:.3g}{what}); mend the file, or "
-                    "leave the interfaces out to have them inferred"
-                )
+        difference = _spline_difference(f, a, b)
+        if difference:
+            yield Misfit(f, difference, conform_command(0.0))
+        elif misfit := _gap(f, a, b, *bounds):
+            yield misfit
 
 
-def _check_knots(name: str, f: Interface, a: Patch, b: Patch) -> None:
+def _gap(f: Interface, a: Patch, b: Patch, largest: float, rounding: float) -> Misfit | None:
+    points_b = f.side_b.of(b.control_points)
+    gap = float(np.abs(f.side_a.of(a.control_points) - (points_b[::-1] if f.reversed else points_b)).max())
+    # The thickness is asked for only where something differs: most sides are equal to the bit.
+    if gap == 0 or (gap <= rounding and f.patch_a != f.patch_b):
+        return None
+    nets, unit = scaled((a, b))
+    thin = unit * min(thickness(net, rounding / unit) for net in nets)
+    tolerance = min(largest, OF_THICKNESS * thin)
+    if gap <= tolerance:
+        return None
+    what = "" if tolerance == largest else f", half the thickness of patch {_thinner(f, nets)}"
+    # Sides that are farther apart than the patches are thick were not meant to be one.
+    mend = conform_command(gap) if gap <= thin and f.patch_a != f.patch_b else ""
+    return Misfit(f, f"control points are {gap:.3g} apart (tolerance {tolerance:.3g}{what})", mend)
+
+
+def _spline_difference(f: Interface, a: Patch, b: Patch) -> str:
     axis_a, axis_b = f.side_a.axis, f.side_b.axis
     knots_b = reverse_knots(b.knots[axis_b]) if f.reversed else b.knots[axis_b]
     knots_a, length = a.knots[axis_a], np.ptp(a.knots[axis_a])
-    if a.degrees[axis_a] != b.degrees[axis_b] or len(knots_a) != len(knots_b):
-        raise InputError(f"{name}: degrees or knots differ along it; make the patches conform first")
-    if np.abs((knots_a - knots_a[0]) / length - (knots_b - knots_b[0]) / np.ptp(knots_b)).max() > 1e-9:
-        raise InputError(f"{name}: knots differ along it; make the patches conform first")
+    p, q = a.degrees[axis_a], b.degrees[axis_b]
+    if p != q:
+        return f"degrees differ: {p} and {q}"
+    if len(knots_a) == len(knots_b):
+        apart = np.abs((knots_a - knots_a[0]) / length - (knots_b - knots_b[0]) / np.ptp(knots_b)).max()
+        if apart <= SAME_KNOT:
+            return ""
+    m, n = (len(knot_spans(knots)) - 1 for knots in (knots_a, knots_b))
+    return f"knots differ: {m} and {n} spans" + (", but not the same ones" if m == n else "")
 
 
 def _thinner(f: Interface, nets: Sequence[FloatArray]) -> int:

@@ -15,6 +15,7 @@ from ..numeric.arrays import FloatArray, frozen_array
 from . import display, exchange
 from .blocks import Block
 from .boundary import Boundary
+from .conforming import Conforming, conforming
 from .interfaces import check_interfaces, infer_interfaces
 from .packing import PackedPatches, pack_patches, unpack_patches
 from .patch import Patch
@@ -227,6 +228,55 @@ class MultiPatch:
     def reduce_continuity(self, smoothness: int) -> MultiPatch:
         """The same geometry with inner knots repeated until splines are only C^smoothness there."""
         return self._in_other_space(lambda patch: patch.reduce_continuity(smoothness))
+
+    def conform(self, *, weld: float = 0.0) -> MultiPatch:
+        """The same domain with patches that agree exactly along all sides that coincide.
+
+        Degrees are raised and knots inserted through whole strips, where patches meet with other splines; patches are
+        split where sides meet a part of another one (T-junctions), along a parameter line through the whole strip;
+        gaps up to `weld` are closed by moving both sides to their mean. Nothing else moves. Labels go to all pieces of
+        a side; first pieces keep number and identifier of their patch, further ones follow at the end. What was done
+        and what was left is told by `patchtransfer.conform`.
+
+        Parameters
+        ----------
+        weld : float, default 0
+            Length up to which gaps are closed, in the model's unit; rounding always is. No patch moves by more than a
+            quarter of its thickness.
+
+        Returns
+        -------
+        MultiPatch
+            This one if nothing is to be done.
+
+        Raises
+        ------
+        InputError
+            When `weld` is negative or not finite, or splits go round in a spiral without end.
+
+        Examples
+        --------
+        >>> from patchtransfer import Patch
+        >>> knots = ([0, 0, 1, 1], [0, 0, 1, 1])
+        >>> left = Patch(knots, (1, 1), [[[0, 0], [0, 1]], [[1, 0], [1, 1]]])
+        >>> right = Patch(knots, (1, 1), [[[1, 0], [1, 1]], [[2, 0], [2, 1]]]).insert_knots(1, [0.3])
+        >>> mp = MultiPatch([left, right])
+        >>> len(mp.interfaces), len(mp.conform().interfaces)
+        (0, 1)
+        """
+        return self._conformed(weld)[0]
+
+    def _conformed(self, weld: float) -> tuple[MultiPatch, Conforming]:
+        """The multi-patch that conforms, and how it was made."""
+        if not 0 <= weld < np.inf:
+            raise InputError(f"weld is a length, 0 or more, not {weld!r}")
+        labels = {name: list(sides) for name, sides in self.sides.items()}
+        made = conforming(self.patches, self.interfaces, labels, weld)
+        if made.patches == list(self.patches) and made.interfaces == list(self.interfaces):
+            return self, made
+        first = max(self.ids) + 1
+        ids = [*self.ids, *range(first, first + len(made.patches) - len(self.ids))]
+        return MultiPatch(made.patches, made.interfaces, ids, made.labels, self.blocks), made
 
     def _in_other_space(self, change: Callable[[Patch], Patch]) -> MultiPatch:
         """The multi-patch of changed patches; rounding may part glued points, so they are welded where they agreed."""

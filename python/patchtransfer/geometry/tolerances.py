@@ -14,7 +14,17 @@ from .sides import Side
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-__all__ = ["COINCIDENCE", "OF_THICKNESS", "point_tree", "scaled", "thickness", "thinnest", "tolerances"]
+__all__ = [
+    "COINCIDENCE",
+    "OF_THICKNESS",
+    "diameter",
+    "exact",
+    "point_tree",
+    "scaled",
+    "thickness",
+    "thinnest",
+    "tolerances",
+]
 
 #: Control points of one point may differ by this much, relative to the model's diameter: the last of six digits.
 COINCIDENCE = 1e-5
@@ -22,8 +32,22 @@ COINCIDENCE = 1e-5
 OF_THICKNESS = 0.5
 #: ... but always by this many units of roundoff of the largest coordinate: sides that were computed one by one.
 ROUNDING_ULPS = 16.0
+#: Equal in exact arithmetic, in the same units: insertion and elevation of the highest degrees leave half as much.
+EXACT_ULPS = 128.0
 #: Patch corners that are looked at around the end of a side: more than meet in any point of a valid model.
 NEAREST_CORNERS = 64
+
+
+def diameter(patches: Sequence[Patch]) -> float:
+    """Diagonal of the control points' bounding box."""
+    points = np.concatenate([patch.control_points.reshape(-1, 2) for patch in patches])
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def exact(patches: Sequence[Patch]) -> float:
+    """Gap that remains between sides which are equal in exact arithmetic."""
+    largest = max(float(np.abs(patch.control_points).max()) for patch in patches)
+    return EXACT_ULPS * float(np.finfo(float).eps) * largest
 
 
 def scaled(patches: Sequence[Patch]) -> tuple[list[FloatArray], float]:

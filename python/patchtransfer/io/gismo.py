@@ -21,6 +21,7 @@ import numpy as np
 
 from ..errors import InputError, InputWarning
 from ..geometry.boundary import Boundary
+from ..geometry.coincidences import fitting
 from ..geometry.curve import BSplineCurve
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
@@ -339,7 +340,7 @@ def _glue(patches: list[Patch], ids: list[int], block: Element) -> MultiPatch:
     if not meanings:
         stray = sorted(named - position_of_id.keys())[0]
         raise InputError(f"MultiPatch interfaces: there is no patch {stray}; correct the row")
-    errors = []
+    errors, doubtful = [], []
     for position in meanings:
         interfaces = []
         for p, s, q, t, _, _, *orient in table.tolist():
@@ -347,10 +348,18 @@ def _glue(patches: list[Patch], ids: list[int], block: Element) -> MultiPatch:
             backwards = _backwards(patches[a], side_a, patches[b], side_b, not orient[side_a.axis])
             interfaces.append(Interface(a, side_a, b, side_b, backwards))
         try:
-            return MultiPatch(patches, interfaces, ids)
+            fit, wrong = fitting(patches, interfaces)
         except InputError as error:
             errors.append(error)
-    raise errors[0]
+            continue
+        if not wrong:
+            return MultiPatch(patches, fit, ids)
+        doubtful.append((fit, wrong))
+    if not doubtful:
+        raise errors[0]
+    fit, wrong = doubtful[0]
+    warnings.warn(wrong, InputWarning, stacklevel=5)
+    return MultiPatch(patches, fit, ids)
 
 
 def _backwards(a: Patch, side_a: Side, b: Patch, side_b: Side, flag: bool) -> bool:

@@ -20,6 +20,7 @@ rounding, for the common ones that the notes name (`welding`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -29,10 +30,15 @@ import numpy as np
 from .._core import MAX_DEGREE, certify_loops, certify_patches
 from ..errors import InputError
 from ..geometry.curve import BSplineCurve
+from ..geometry.mending import OTHER_CURVE, conform_command, short
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
-from ..geometry.sides import Side
+from ..geometry.sides import Interface, Side
+from ..geometry.tolerances import exact
+from ..geometry.weighting import with_common_weights
+from ..geometry.welds import gaps
 from ..numeric.arrays import finite_or_none
+from .unglued import unglued
 from .welding import Welded, in_own_knots, weld
 
 if TYPE_CHECKING:
@@ -360,16 +366,22 @@ def _gluing(welded: Welded, positive: Sequence[bool]) -> list[tuple[str, str]]:
         if a is not None and b is not None:
             along_a, along_b = f.side_a.of(a), f.side_b.of(b)
             weight_gap = float(np.abs(along_a - (along_b[::-1] if f.reversed else along_b)).max())
-        for what, size in (("control points", gap), ("weights", weight_gap), ("knots", knot_gap)):
-            if size != 0.0:
-                text = (
-                    f"{what} of the two sides differ by {size:.3g}; take one side's numbers for both (a MultiPatch "
-                    "rewritten by patchtransfer has bit-equal interfaces)"
-                )
-                findings.append(("undecided", f"interface {f.name}: {text}"))
+        differing = (("control points", gap), ("weights", weight_gap), ("knots", knot_gap))
+        differences = [f"{what} of the two sides differ by {short(size)}" for what, size in differing if size != 0.0]
         if (a is None) != (b is None):
-            findings.append(("undecided", f"interface {f.name}: only one side has weights; make both rational"))
+            differences.append("only one side has weights")
+        if differences:
+            text = f"{' and '.join(differences)}; {_mend(patches, f)}"
+            findings.append(("undecided", f"interface {f.name}: {text}"))
     return findings
+
+
+def _mend(patches: Sequence[Patch], f: Interface) -> str:
+    """How to make the sides of an interface agree."""
+    (gap,) = gaps(with_common_weights(patches, [f])[0], [f])
+    if gap == math.inf:
+        return OTHER_CURVE
+    return f"run `{conform_command(gap if gap > exact(patches) else 0.0)}`"
 
 
 def check_boundary(loops: Iterable[Iterable[BSplineCurve]], known: BoundaryReport | None = None) -> BoundaryReport:
@@ -418,9 +430,15 @@ def _boundary(welded: Welded, known: BoundaryReport | None) -> tuple[BoundaryRep
     try:
         loops = welded.multipatch.loops
     except InputError as error:
-        return BoundaryReport(None, (), (), (), (str(error),)), [("undecided", str(error))]
+        report = BoundaryReport(None, (), (), (), (str(error),))
+        return report, [("undecided", reason) for reason in (*unglued(welded.multipatch, [])[0], str(error))]
     report = check_boundary(([side.curve(welded.patches) for side in loop] for loop in loops), known)
     if report.simple:
         return report, []
     kind = "folded" if report.simple is False else "undecided"
-    return report, [(kind, reason) for reason in report.reasons]
+    sides = [[(side.patch, side.side) for side in loop] for loop in loops]
+    meetings = [(sides[m.a[0]][m.a[1]], sides[m.b[0]][m.b[1]], m.point) for m in report.crossings]
+    named, unexplained = unglued(welded.multipatch, meetings)
+    # What sides have to do with each other says more than where they touch.
+    reasons = [*named, *(str(report.crossings[i]) for i in unexplained)] if named and meetings else report.reasons
+    return report, [(kind, reason) for reason in reasons]

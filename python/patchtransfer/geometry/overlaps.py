@@ -1,0 +1,262 @@
+"""Where sides that no interface glues coincide, wholly or partly: what keeps a model from conforming.
+
+Two sides that run along each other do so from one end of either to another, so it is enough to look which ends lie on
+which sides. The pieces between are compared in a common spline space: with other knots or another degree they are the
+same curve if their control points agree there.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..numeric.arrays import FloatArray
+from .basis import knot_spans
+from .curve import BSplineCurve
+from .interfaces import SAME_KNOT
+from .nearest import nearest_on_curve
+from .patch import Patch
+from .sides import CORNERS, Side
+from .tolerances import OF_THICKNESS, point_tree, scaled, thickness, thinnest, tolerances
+
+__all__ = ["Overlap", "SideOf", "missing_knots", "overlaps", "whole_pairs"]
+
+#: Points on a piece for which another one is looked through when control points differ.
+PROBES = 9
+
+SideOf = tuple[int, Side]
+
+
+class Overlap(NamedTuple):
+    """Two sides, or pieces of them, that coincide.
+
+    Attributes
+    ----------
+    gap : float
+        Largest difference of the control points in a common spline space, of weights by the size of the piece.
+    a, b : tuple of (patch, Side)
+    end_gap : float
+        Distance of the pieces' ends: what others that meet there would be moved by.
+    range_a, range_b : tuple of float
+        First and last parameter of the piece, from 0 to 1 along the side.
+    reversed : bool
+        Whether the pieces run in opposite directions.
+    same_speed : bool
+        Whether the points at equal parts of the pieces coincide; else only the curves do.
+    parts_a, parts_b : tuple of int
+        Degree and number of knot spans of the pieces.
+    same_knots : bool
+        Whether their knots agree as they are, in the sense of the pieces.
+    """
+
+    gap: float
+    a: SideOf
+    b: SideOf
+    end_gap: float
+    range_a: tuple[float, float]
+    range_b: tuple[float, float]
+    reversed: bool
+    same_speed: bool
+    parts_a: tuple[int, int]
+    parts_b: tuple[int, int]
+    same_knots: bool
+
+    @property
+    def whole(self) -> bool:
+        """Whether the sides coincide from end to end."""
+        return self.range_a == self.range_b == (0.0, 1.0)
+
+
+class _Free(NamedTuple):
+    """Sides in no interface."""
+
+    names: list[SideOf]
+    curves: list[BSplineCurve]
+    reach: FloatArray
+    """How far from each another side may be."""
+
+
+def overlaps(
+    patches: Sequence[Patch], glued: Collection[SideOf], limit: float, part: float = OF_THICKNESS
+) -> list[Overlap]:
+    """Find sides that coincide and are not glued, the closest first.
+
+    Parameters
+    ----------
+    patches : sequence of Patch
+    glued : collection of (patch, Side)
+        Sides that are left out.
+    limit : float
+        Largest gap; rounding always counts.
+    part : float
+        Of the patches' thickness, up to which a gap counts. Sides that move to their mean may take all of it: a
+        straight patch's own opposite sides are twice it apart.
+    """
+    nets, unit = scaled(patches)
+    _, rounding = tolerances(nets)
+    thick = np.array([thickness(net, rounding) for net in nets])
+    free = _free_sides(patches, nets, glued, np.maximum(np.minimum(limit / unit, part * thick), rounding))
+    tree = point_tree(np.array([net[corner] for net in nets for corner in CORNERS]))
+    found = []
+    for i, j, range_i, range_j in _candidates(free):
+        pair = _compared(free, i, j, range_i, range_j)
+        if pair is None:
+            continue
+        k, m = pair.a[0], pair.b[0]
+        if k == m and not pair.gap < OF_THICKNESS * thick[k]:
+            continue
+        if pair.end_gap > rounding:
+            ends = np.array([point for c in (free.curves[i], free.curves[j]) for point in (c.start, c.end)])
+            if pair.end_gap > part * thinnest(tree, ends, 2 * pair.end_gap, thick):
+                continue
+        found.append(pair._replace(gap=pair.gap * unit))
+    return sorted(found)
+
+
+def whole_pairs(found: Sequence[Overlap]) -> list[Overlap]:
+    """Those that an interface can glue, no side twice: from end to end at the same speed, the closest first."""
+    used: set[SideOf] = set()
+    pairs = []
+    for pair in found:
+        if pair.whole and pair.same_speed and not used & {pair.a, pair.b}:
+            used |= {pair.a, pair.b}
+            pairs.append(pair)
+    return pairs
+
+
+def _free_sides(
+    patches: Sequence[Patch], nets: Sequence[FloatArray], glued: Collection[SideOf], reach: FloatArray
+) -> _Free:
+    names, curves = [], []
+    for k, (patch, net) in enumerate(zip(patches, nets, strict=True)):
+        for side in Side:
+            points = side.of(net)
+            # A side that is a point has nothing to glue.
+            if (k, side) in glued or not np.ptp(points, axis=0).max() > 2 * reach[k]:
+                continue
+            weights = None if patch.weights is None else side.of(patch.weights)
+            axis = side.axis
+            names.append((k, side))
+            curves.append(BSplineCurve._trusted(patch.knots[axis], patch.degrees[axis], points, weights))
+    return _Free(names, curves, np.array([reach[k] for k, _ in names]))
+
+
+def _incidences(free: _Free) -> dict[tuple[int, int], dict[int, tuple[float, ...]]]:
+    """Ends on sides: by the numbers of (side, other side), the other's ends (0, 1) with parameters from 0 to 1."""
+    found: dict[tuple[int, int], dict[int, tuple[float, ...]]] = defaultdict(dict)
+    if not free.curves:
+        return found
+    ends = np.array([point for c in free.curves for point in (c.start, c.end)])
+    order = np.argsort(ends[:, 0], kind="stable")
+    sorted_x = ends[order, 0]
+    for i, curve in enumerate(free.curves):
+        low = curve.control_points.min(axis=0) - free.reach[i]
+        high = curve.control_points.max(axis=0) + free.reach[i]
+        near = order[np.searchsorted(sorted_x, low[0]) : np.searchsorted(sorted_x, high[0], side="right")]
+        near = near[(ends[near, 1] >= low[1]) & (ends[near, 1] <= high[1]) & (near // 2 != i)]
+        reach = np.minimum(free.reach[i], free.reach[near // 2])
+        at_end = np.array([np.abs(ends[near] - end).max(axis=1) <= reach for end in (curve.start, curve.end)])
+        for e, first, last in zip(near, *at_end, strict=True):
+            if first or last:
+                found[i, e // 2][e % 2] = tuple(t for t, here in ((0.0, first), (1.0, last)) if here)
+        inner = ~at_end.any(axis=0)
+        if inner.any():
+            t, distance = nearest_on_curve(curve, ends[near[inner]])
+            fractions = (t - curve.knots[0]) / (curve.knots[-1] - curve.knots[0])
+            for e, f, lies_on in zip(near[inner], fractions, distance <= reach[inner], strict=True):
+                if lies_on and 0 < f < 1:
+                    found[i, e // 2][e % 2] = (float(f),)
+    return found
+
+
+def _candidates(free: _Free) -> Iterator[tuple[int, int, tuple[float, float], tuple[float, float]]]:
+    """Two sides (numbers) and the parameters between which they may coincide."""
+    on = _incidences(free)
+    for i, j in sorted({(min(pair), max(pair)) for pair in on}):
+        on_i, on_j = on.get((i, j), {}), on.get((j, i), {})
+        at_i = [t for ts in on_i.values() for t in ts] + [float(end) for end in on_j]
+        at_j = [t for ts in on_j.values() for t in ts] + [float(end) for end in on_i]
+        if min(at_i) < max(at_i) and min(at_j) < max(at_j):
+            yield i, j, (min(at_i), max(at_i)), (min(at_j), max(at_j))
+
+
+def _compared(
+    free: _Free, i: int, j: int, range_i: tuple[float, float], range_j: tuple[float, float]
+) -> Overlap | None:
+    """The two pieces if they coincide."""
+    a, b = _piece(free.curves[i], *range_i), _piece(free.curves[j], *range_j)
+    reach = float(min(free.reach[i], free.reach[j]))
+    # Sides that only touch.
+    if min(np.ptp(c.control_points, axis=0).max() for c in (a, b)) <= 2 * reach:
+        return None
+    gap, backwards = min((_difference(a, b), False), (_difference(a, b.reversed()), True))
+    b = b.reversed() if backwards else b
+    same_speed = gap <= reach
+    if not same_speed:
+        probes = np.linspace(*a.domain, PROBES * len(a.control_points))
+        _, distance = nearest_on_curve(b, a(probes))
+        gap = float(distance.max())
+        if gap > reach:
+            return None
+    parts = [(c.degree, len(knot_spans(c.knots)) - 1) for c in (a, b)]
+    same_knots = not any(len(_lacking(*pair)) for pair in ((a, b), (b, a)))
+    names = free.names[i], free.names[j]
+    end_gap = float(max(np.abs(a.start - b.start).max(), np.abs(a.end - b.end).max()))
+    return Overlap(gap, *names, end_gap, range_i, range_j, backwards, same_speed, parts[0], parts[1], same_knots)
+
+
+def _piece(curve: BSplineCurve, low: float, high: float) -> BSplineCurve:
+    if (low, high) == (0.0, 1.0):
+        return curve
+    first, last = curve.domain
+    a = first + low * (last - first) if low > 0 else first
+    b = first + high * (last - first) if high < 1 else last
+    return curve.restrict(a, b)
+
+
+def _difference(a: BSplineCurve, b: BSplineCurve) -> float:
+    """Largest difference of control points in a common spline space; of weights too, by the size of the curve."""
+    a, b = _with_degree(a, b.degree), _with_degree(b, a.degree)
+    a, b = _with_knots_of(a, b), _with_knots_of(b, a)
+    if len(a.control_points) != len(b.control_points):
+        # Knots so close that they count as one here and as two there.
+        return np.inf
+    gap = float(np.abs(a.control_points - b.control_points).max())
+    if a.weights is None and b.weights is None:
+        return gap
+    v, w = (c.homogeneous()[:, 2] for c in (a, b))
+    # A common factor of the weights changes nothing.
+    ratio = v / w / (v / w).mean()
+    return max(gap, float(np.abs(ratio - 1).max() * np.ptp(a.control_points, axis=0).max()))
+
+
+def _with_degree(curve: BSplineCurve, degree: int) -> BSplineCurve:
+    return curve.elevate(degree - curve.degree) if degree > curve.degree else curve
+
+
+def _with_knots_of(curve: BSplineCurve, other: BSplineCurve) -> BSplineCurve:
+    """The curve with the other's knots inserted that it lacks."""
+    new = _lacking(curve, other)
+    return curve.insert_knots(new) if len(new) else curve
+
+
+def _lacking(curve: BSplineCurve, other: BSplineCurve) -> FloatArray:
+    """Knots of the other that a curve lacks, in its own parameters."""
+    (a, b), (c, d) = curve.domain, other.domain
+    return missing_knots(curve.knots, a + (other.knots - c) * ((b - a) / (d - c)))
+
+
+def missing_knots(knots: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Inner knots of `wanted` that `knots`, on the same domain, lack; those within rounding of one take its value."""
+    tolerance = SAME_KNOT * (knots[-1] - knots[0])
+    own, own_count = np.unique(knots, return_counts=True)
+    new: list[float] = []
+    for t, count in zip(*np.unique(wanted, return_counts=True), strict=True):
+        if not knots[0] + tolerance < t < knots[-1] - tolerance:
+            continue
+        same = np.flatnonzero(np.abs(own - t) <= tolerance)
+        new += [float(own[same[0]]) if len(same) else float(t)] * max(int(count) - int(own_count[same].sum()), 0)
+    return np.array(new)
