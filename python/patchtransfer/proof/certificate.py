@@ -30,7 +30,7 @@ import numpy as np
 from .._core import MAX_DEGREE, certify_loops, certify_patches
 from ..errors import InputError
 from ..geometry.curve import BSplineCurve
-from ..geometry.mending import OTHER_CURVE, conform_command, short
+from ..geometry.mending import OTHER_CURVE, conform_command
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.sides import Interface, Side
@@ -367,7 +367,7 @@ def _gluing(welded: Welded, positive: Sequence[bool]) -> list[tuple[str, str]]:
             along_a, along_b = f.side_a.of(a), f.side_b.of(b)
             weight_gap = float(np.abs(along_a - (along_b[::-1] if f.reversed else along_b)).max())
         differing = (("control points", gap), ("weights", weight_gap), ("knots", knot_gap))
-        differences = [f"{what} of the two sides differ by {short(size)}" for what, size in differing if size != 0.0]
+        differences = [f"{what} of the two sides differ by {size:.3g}" for what, size in differing if size != 0.0]
         if (a is None) != (b is None):
             differences.append("only one side has weights")
         if differences:
@@ -438,7 +438,11 @@ def _boundary(welded: Welded, known: BoundaryReport | None) -> tuple[BoundaryRep
     kind = "folded" if report.simple is False else "undecided"
     sides = [[(side.patch, side.side) for side in loop] for loop in loops]
     meetings = [(sides[m.a[0]][m.a[1]], sides[m.b[0]][m.b[1]], m.point) for m in report.crossings]
-    named, unexplained = unglued(welded.multipatch, meetings)
-    # What sides have to do with each other says more than where they touch.
-    reasons = [*named, *(str(report.crossings[i]) for i in unexplained)] if named and meetings else report.reasons
-    return report, [(kind, reason) for reason in reasons]
+    named, explained = unglued(welded.multipatch, meetings)
+    if not explained:
+        return report, [(kind, reason) for reason in (*named, *report.reasons)]
+    # What sides have to do with each other says more than all the places where they touch.
+    first, *between = (str(report.crossings[i]) for i in sorted(explained))
+    others = [str(m) for i, m in enumerate(report.crossings) if i not in explained]
+    more = f" (and {len(between)} places more between these sides)" if between else ""
+    return report, [(kind, reason) for reason in (*named, *others, first + more)]

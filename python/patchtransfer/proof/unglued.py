@@ -19,8 +19,8 @@ NEAR = 1e-6
 MeetingOf = tuple[tuple[int, Side], tuple[int, Side], tuple[float, float]]
 
 
-def unglued(multipatch: MultiPatch, meetings: Sequence[MeetingOf]) -> tuple[list[str], list[int]]:
-    """Pairs of sides that should be glued, in words, and the meetings (positions) that they do not explain.
+def unglued(multipatch: MultiPatch, meetings: Sequence[MeetingOf]) -> tuple[list[str], set[int]]:
+    """Pairs of sides that should be glued, in words, and the meetings (positions) that they explain.
 
     Wide gaps count only where the boundary meets itself between their sides.
     """
@@ -28,8 +28,7 @@ def unglued(multipatch: MultiPatch, meetings: Sequence[MeetingOf]) -> tuple[list
     size = multipatch.diameter
     explains = [{i for i, met in enumerate(meetings) if _is_between(met, pair, size)} for pair in found]
     counted = [i for i, pair in enumerate(found) if explains[i] or pair.gap <= NAMED_GAP * size]
-    explained = set().union(*(explains[i] for i in counted))
-    return [found[i].text for i in counted], [i for i in range(len(meetings)) if i not in explained]
+    return [found[i].text for i in counted], set().union(*(explains[i] for i in counted))
 
 
 def _is_between(met: MeetingOf, pair: Coincidence, size: float) -> bool:
