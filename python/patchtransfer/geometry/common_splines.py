@@ -59,13 +59,13 @@ def _unify(patches: list[Patch], strip: Strip) -> list[str]:
     common = np.repeat(domain, degree + 1)
     for (k, axis), flipped in strip.members.items():
         knots = _mapped(patches[k].knots[axis], domain, flipped)
-        common = np.sort(np.concatenate([common, missing_knots(common, knots)]))
+        common = np.sort(np.concatenate([common, missing_knots(common, knots, degree)]))
         if strip.twisted:
-            common = np.sort(np.concatenate([common, missing_knots(common, _mapped(common, domain, True))]))
+            common = np.sort(np.concatenate([common, missing_knots(common, _mapped(common, domain, True), degree)]))
     notes = []
     for (k, axis), flipped in strip.members.items():
         own = patches[k].knots[axis]
-        new = missing_knots(own, _mapped(common, own[[0, -1]], flipped))
+        new = missing_knots(own, _mapped(common, own[[0, -1]], flipped), degree)
         patches[k] = _with_knots(patches[k].insert_knots(axis, new), axis, _mapped(common, domain, flipped))
         notes += _sentences(k, axis, before[k, axis], patches[k], len(new))
     return notes

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
-from typing import NamedTuple
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,6 +23,9 @@ from .nearest import nearest_on_curve
 from .patch import Patch
 from .sides import CORNERS, Side
 from .tolerances import OF_THICKNESS, point_tree, scaled, thickness, thinnest, tolerances
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 __all__ = ["Overlap", "SideOf", "missing_knots", "overlaps", "whole_pairs"]
 
@@ -97,23 +102,35 @@ def overlaps(
     """
     nets, unit = scaled(patches)
     _, rounding = tolerances(nets)
-    thick = np.array([thickness(net, rounding) for net in nets])
-    free = _free_sides(patches, nets, glued, np.maximum(np.minimum(limit / unit, part * thick), rounding))
-    tree = point_tree(np.array([net[corner] for net in nets for corner in CORNERS]))
+    free = _free_sides(patches, nets, glued, limit / unit, part, rounding)
+    neighbours = _Neighbours(nets, rounding)
     found = []
-    for i, j, range_i, range_j in _candidates(free):
-        pair = _compared(free, i, j, range_i, range_j)
-        if pair is None:
-            continue
+    for i, j, pair in _coinciding(free):
         k, m = pair.a[0], pair.b[0]
-        if k == m and not pair.gap < OF_THICKNESS * thick[k]:
+        if k == m and not pair.gap < OF_THICKNESS * thickness(nets[k], rounding):
             continue
-        if pair.end_gap > rounding:
-            ends = np.array([point for c in (free.curves[i], free.curves[j]) for point in (c.start, c.end)])
-            if pair.end_gap > part * thinnest(tree, ends, 2 * pair.end_gap, thick):
-                continue
-        found.append(pair._replace(gap=pair.gap * unit))
+        ends = np.array([point for c in (free.curves[i], free.curves[j]) for point in (c.start, c.end)])
+        if pair.end_gap > rounding and pair.end_gap > part * neighbours.thinnest(ends, 2 * pair.end_gap):
+            continue
+        found.append(pair._replace(gap=pair.gap * unit, end_gap=pair.end_gap * unit))
     return sorted(found)
+
+
+class _Neighbours:
+    """The patches that meet in a point; found only where a gap asks for them, for most models have none."""
+
+    def __init__(self, nets: Sequence[FloatArray], rounding: float) -> None:
+        self._nets, self._rounding = nets, rounding
+
+    @cached_property
+    def _known(self) -> tuple[cKDTree, FloatArray]:
+        thick = np.array([thickness(net, self._rounding) for net in self._nets])
+        return point_tree(np.array([net[corner] for net in self._nets for corner in CORNERS])), thick
+
+    def thinnest(self, ends: FloatArray, radius: float) -> float:
+        """Smallest thickness of those with a corner near one of the points."""
+        tree, thick = self._known
+        return thinnest(tree, ends, radius, thick)
 
 
 def whole_pairs(found: Sequence[Overlap]) -> list[Overlap]:
@@ -128,20 +145,28 @@ def whole_pairs(found: Sequence[Overlap]) -> list[Overlap]:
 
 
 def _free_sides(
-    patches: Sequence[Patch], nets: Sequence[FloatArray], glued: Collection[SideOf], reach: FloatArray
+    patches: Sequence[Patch],
+    nets: Sequence[FloatArray],
+    glued: Collection[SideOf],
+    limit: float,
+    part: float,
+    rounding: float,
 ) -> _Free:
-    names, curves = [], []
+    names, curves, reach = [], [], []
     for k, (patch, net) in enumerate(zip(patches, nets, strict=True)):
-        for side in Side:
+        open_sides = [side for side in Side if (k, side) not in glued]
+        own = max(min(limit, part * thickness(net, rounding)), rounding) if open_sides else 0.0
+        for side in open_sides:
             points = side.of(net)
             # A side that is a point has nothing to glue.
-            if (k, side) in glued or not np.ptp(points, axis=0).max() > 2 * reach[k]:
+            if not np.ptp(points, axis=0).max() > 2 * own:
                 continue
             weights = None if patch.weights is None else side.of(patch.weights)
             axis = side.axis
             names.append((k, side))
             curves.append(BSplineCurve._trusted(patch.knots[axis], patch.degrees[axis], points, weights))
-    return _Free(names, curves, np.array([reach[k] for k, _ in names]))
+            reach.append(own)
+    return _Free(names, curves, np.array(reach))
 
 
 def _incidences(free: _Free) -> dict[tuple[int, int], dict[int, tuple[float, ...]]]:
@@ -172,15 +197,33 @@ def _incidences(free: _Free) -> dict[tuple[int, int], dict[int, tuple[float, ...
     return found
 
 
-def _candidates(free: _Free) -> Iterator[tuple[int, int, tuple[float, float], tuple[float, float]]]:
-    """Two sides (numbers) and the parameters between which they may coincide."""
+def _coinciding(free: _Free) -> Iterator[tuple[int, int, Overlap]]:
+    """Two sides (numbers), and how they coincide."""
     on = _incidences(free)
     for i, j in sorted({(min(pair), max(pair)) for pair in on}):
         on_i, on_j = on.get((i, j), {}), on.get((j, i), {})
-        at_i = [t for ts in on_i.values() for t in ts] + [float(end) for end in on_j]
-        at_j = [t for ts in on_j.values() for t in ts] + [float(end) for end in on_i]
-        if min(at_i) < max(at_i) and min(at_j) < max(at_j):
-            yield i, j, (min(at_i), max(at_i)), (min(at_j), max(at_j))
+        at_i = {t for ts in on_i.values() for t in ts} | {float(end) for end in on_j}
+        at_j = {t for ts in on_j.values() for t in ts} | {float(end) for end in on_i}
+        found = [
+            pair
+            for range_i in _ranges(free, i, at_i)
+            for range_j in _ranges(free, j, at_j)
+            if (pair := _compared(free, i, j, range_i, range_j)) is not None
+        ]
+        # The whole of a closed side coincides with a closed other one, but from another start.
+        found = [pair for pair in found if pair.same_speed] or found[:1]
+        yield from ((i, j, pair) for pair in ([pair for pair in found if pair.whole] or found))
+
+
+def _ranges(free: _Free, i: int, at: set[float]) -> list[tuple[float, float]]:
+    """Pieces of a side between places where ends meet it."""
+    places = sorted(at)
+    if len(places) < 2:
+        return []
+    whole = (places[0], places[-1])
+    closed = np.abs(free.curves[i].start - free.curves[i].end).max() <= free.reach[i]
+    # Where a closed side begins, it also ends, and a piece may lie to either hand.
+    return [whole, *pairwise(places)] if closed and len(places) > 2 else [whole]
 
 
 def _compared(
@@ -211,10 +254,15 @@ def _compared(
 def _piece(curve: BSplineCurve, low: float, high: float) -> BSplineCurve:
     if (low, high) == (0.0, 1.0):
         return curve
+    return curve.restrict(*(_parameter(curve, part) for part in (low, high)))
+
+
+def _parameter(curve: BSplineCurve, part: float) -> float:
+    """The parameter at a part of the domain; a knot's own value where one is."""
     first, last = curve.domain
-    a = first + low * (last - first) if low > 0 else first
-    b = first + high * (last - first) if high < 1 else last
-    return curve.restrict(a, b)
+    t = first + part * (last - first)
+    nearest = float(curve.knots[np.abs(curve.knots - t).argmin()])
+    return nearest if abs(nearest - t) <= SAME_KNOT * (last - first) else t
 
 
 def _difference(a: BSplineCurve, b: BSplineCurve) -> float:
@@ -246,17 +294,23 @@ def _with_knots_of(curve: BSplineCurve, other: BSplineCurve) -> BSplineCurve:
 def _lacking(curve: BSplineCurve, other: BSplineCurve) -> FloatArray:
     """Knots of the other that a curve lacks, in its own parameters."""
     (a, b), (c, d) = curve.domain, other.domain
-    return missing_knots(curve.knots, a + (other.knots - c) * ((b - a) / (d - c)))
+    return missing_knots(curve.knots, a + (other.knots - c) * ((b - a) / (d - c)), curve.degree)
 
 
-def missing_knots(knots: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Inner knots of `wanted` that `knots`, on the same domain, lack; those within rounding of one take its value."""
+def missing_knots(knots: FloatArray, wanted: FloatArray, degree: int) -> FloatArray:
+    """Inner knots of `wanted` that `knots`, on the same domain, lack; those within rounding of one take its value.
+
+    None becomes more than `degree` fold.
+    """
     tolerance = SAME_KNOT * (knots[-1] - knots[0])
-    own, own_count = np.unique(knots, return_counts=True)
+    own = np.unique(knots)
+    inner = wanted[(wanted > knots[0] + tolerance) & (wanted < knots[-1] - tolerance)]
+    # Groups of knots that are one, each with the value that it has already, or that of its first.
+    groups = np.split(inner, np.flatnonzero(np.diff(inner) > tolerance) + 1) if len(inner) else []
     new: list[float] = []
-    for t, count in zip(*np.unique(wanted, return_counts=True), strict=True):
-        if not knots[0] + tolerance < t < knots[-1] - tolerance:
-            continue
-        same = np.flatnonzero(np.abs(own - t) <= tolerance)
-        new += [float(own[same[0]]) if len(same) else float(t)] * max(int(count) - int(own_count[same].sum()), 0)
+    for group in groups:
+        nearest = float(own[np.abs(own - group[0]).argmin()])
+        value = nearest if abs(nearest - group[0]) <= tolerance else float(group[0])
+        there = int((np.abs(knots - group[0]) <= tolerance).sum())
+        new += [value] * (min(len(group), degree) - there)
     return np.array(new)
