@@ -9,6 +9,8 @@ __all__ = ["OTHER_CURVE", "conform_command", "enough", "gap_in_words", "short"]
 
 #: What to do where no refinement helps.
 OTHER_CURVE = "make one of the patches again from the other's curve"
+#: Below, zeros would have to be counted.
+SMALL = 1e-3
 #: Bits of a decimal number, and of a difference of coordinates, that do not make the next larger digit.
 LAST_BITS = 1e-9
 
@@ -31,6 +33,8 @@ def enough(gap: float) -> str:
 
 
 def short(x: float) -> str:
-    """Three digits; an exponent without leading zeros."""
-    mantissa, e, exponent = f"{x:.3g}".partition("e")
-    return f"{mantissa}e{int(exponent)}" if e else mantissa
+    """Three digits; small numbers with an exponent without leading zeros."""
+    if not 0 < abs(x) < SMALL:
+        return f"{x:.3g}"
+    mantissa, exponent = f"{x:.2e}".split("e")
+    return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..numeric.arrays import FloatArray
+from ..numeric.arrays import FloatArray, IntArray
+from .areas import enclosed_areas, sides_around
 from .basis import knot_spans
 from .curve import BSplineCurve
 from .interfaces import SAME_KNOT
@@ -103,11 +104,13 @@ def overlaps(
     nets, unit = scaled(patches)
     _, rounding = tolerances(nets)
     free = _free_sides(patches, nets, glued, limit / unit, part, rounding)
-    neighbours = _Neighbours(nets, rounding)
+    neighbours = _Neighbours(patches, nets, rounding)
     found = []
     for i, j, pair in _coinciding(free):
         k, m = pair.a[0], pair.b[0]
         if k == m and not pair.gap < OF_THICKNESS * thickness(nets[k], rounding):
+            continue
+        if neighbours.on_the_same_side(pair):
             continue
         ends = np.array([point for c in (free.curves[i], free.curves[j]) for point in (c.start, c.end)])
         if pair.end_gap > rounding and pair.end_gap > part * neighbours.thinnest(ends, 2 * pair.end_gap):
@@ -117,10 +120,21 @@ def overlaps(
 
 
 class _Neighbours:
-    """The patches that meet in a point; found only where a gap asks for them, for most models have none."""
+    """Where patches lie; found only when it is asked for, for in most models no sides coincide unglued."""
 
-    def __init__(self, nets: Sequence[FloatArray], rounding: float) -> None:
-        self._nets, self._rounding = nets, rounding
+    def __init__(self, patches: Sequence[Patch], nets: Sequence[FloatArray], rounding: float) -> None:
+        self._patches, self._nets, self._rounding = tuple(patches), nets, rounding
+
+    @cached_property
+    def _mirrored(self) -> IntArray:
+        """Whether patches are left-handed."""
+        return np.asarray(enclosed_areas(self._patches, sides_around(self._patches), len(self._patches)) < 0, np.int64)
+
+    def on_the_same_side(self, pair: Overlap) -> bool:
+        """Whether two patches overlap beside their sides, instead of meeting there."""
+        # With its patch on the left, a side runs against its parameter or not.
+        against = [(side in (Side.NORTH, Side.WEST)) != bool(self._mirrored[k]) for k, side in (pair.a, pair.b)]
+        return (against[0] != against[1]) == pair.reversed
 
     @cached_property
     def _known(self) -> tuple[cKDTree, FloatArray]:
