@@ -20,8 +20,11 @@ SAME = 1e-11
 
 
 def along(patch: Patch, axis: int, fraction: float) -> float:
+    """A parameter; a knot where one is so near that no program would write both."""
     first, last = patch.knots[axis][[0, -1]]
-    return float(first + fraction * (last - first))
+    t = float(first + fraction * (last - first))
+    nearest = float(patch.knots[axis][np.abs(patch.knots[axis] - t).argmin()])
+    return nearest if abs(nearest - t) < 1e-7 * (last - first) else t
 
 
 def samples(patch: Patch, n: int = 5) -> np.ndarray:
@@ -223,7 +226,16 @@ def test_staggered_sides_and_long_rows():
 
 
 def test_cuts_in_a_spiral_end_with_a_word():
-    """Four rectangles around a square, each T-junction sends a cut to the next one: never the same place twice."""
+    """A snail, whose narrow end lies on half of its wide end: what cuts one in two comes back at the other."""
+    inner = np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [1, 0]], float)
+    outer = inner * (1 + np.linspace(1, 2, 5))[:, None]
+    snail = Patch(([0, 0, 0.25, 0.5, 0.75, 1, 1], LINE), (1, 1), np.stack([inner, outer], axis=1))
+    with pytest.raises(InputError, match="spiral.*patch 0"):
+        MultiPatch([snail]).conform()
+
+
+def test_a_pinwheel_is_cut_until_it_conforms():
+    """Four rectangles around a square, each T-junction sends a cut to the next one."""
     a = 0.6180339887
     pinwheel = [
         quad((0, 0), (1 + a, 0), (1 + a, 1), (0, 1)),

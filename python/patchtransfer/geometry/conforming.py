@@ -28,8 +28,13 @@ SAME_CUT = 1e-8
 CUT_BY_GAP = 4.0
 #: Every round cuts through strips, whose far ends may make new T-junctions. Cuts that go on run in a spiral.
 MAX_ROUNDS = 100
+#: ... as those do that make pieces thinner than this part of a patch, after as many rounds as halve it to that.
+THIN, AFTER_ROUNDS = 1e-3, 10
 #: A stated tolerance holds for a gap that is it but for the rounding of coordinates and of the number said.
 LEEWAY = 1.0 + 1e-6
+
+
+SPIRAL = "cutting at T-junctions does not come to an end (the cuts run in a spiral); make patch {} again in parts"
 
 
 class Conforming(NamedTuple):
@@ -75,8 +80,8 @@ def conforming(
         Gaps up to this length are closed.
     """
     patches, interfaces = list(patches), list(interfaces)
-    origins, notes = list(range(len(patches))), list[str]()
-    for _ in range(MAX_ROUNDS):
+    given, origins, notes = patches, list(range(len(patches))), list[str]()
+    for turn in range(MAX_ROUNDS):
         glued = {side for f in interfaces for side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b))}
         found = _coinciding(patches, glued, weld * LEEWAY)
         new = [Interface(*pair.a, *pair.b, pair.reversed) for pair in whole_pairs(found)]
@@ -92,11 +97,10 @@ def conforming(
         labels = {name: [part for side in sides for part in pieces.on(side)] for name, sides in labels.items()}
         origins = [origins[k] for k in pieces.origins]
         patches = pieces.patches
+        if turn >= AFTER_ROUNDS and (thin := _too_thin(given, patches, origins)) is not None:
+            raise InputError(SPIRAL.format(thin))
     else:
-        k = min(k for k, _ in cuts)
-        raise InputError(
-            f"cutting at T-junctions does not come to an end (the cuts run in a spiral); split patch {k} by hand"
-        )
+        raise InputError(SPIRAL.format(origins[min(k for k, _ in cuts)]))
     patches, refined = with_common_splines(patches, interfaces)
     patches, weighted = with_common_weights(patches, interfaces)
     patches, moved, closed = welded(patches, interfaces, weld * LEEWAY)
@@ -109,6 +113,15 @@ def _coinciding(patches: Sequence[Patch], glued: set[SideOf], weld: float) -> li
     if weld > 0:
         found += overlaps(patches, glued, weld, OF_THICKNESS)
     return sorted(set(found))
+
+
+def _too_thin(given: Sequence[Patch], patches: Sequence[Patch], origins: Sequence[int]) -> int | None:
+    """A patch of which a piece is a sliver."""
+    for patch, k in zip(patches, origins, strict=True):
+        for own, whole in zip(patch.knots, given[k].knots, strict=True):
+            if np.ptp(own) < THIN * np.ptp(whole):
+                return k
+    return None
 
 
 def _two(f: Interface) -> str:
