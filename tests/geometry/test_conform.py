@@ -183,6 +183,15 @@ def test_other_weights_on_a_side_are_named():
     assert any("again from the other's curve" in text for text in certify(outcome.multipatch).reasons)
 
 
+def test_a_gap_along_a_side_is_no_junction_beside_its_end():
+    """A corner 1e-4 before its neighbour's: the sides below end there and run on, but are meant to be one."""
+    low, right = quad((0, 0), (1, 0), (1, 1), (0, 1)), quad((1, 0), (2, 0), (2, 2), (1, 2))
+    high = quad((0, 1), (1 - 1e-4, 1), (1 - 1e-4, 2), (0, 2))
+    mended = MultiPatch([low, high, right]).conform(weld=2e-4)
+    assert len(mended) == 4
+    assert certify(mended).injective
+
+
 def test_sides_of_split_patches_keep_their_labels():
     big = quad((0, 0), (1, 0), (1, 2), (0, 2))
     small = [quad((1, 0), (2, 0), (2, 1), (1, 1)), quad((1, 1), (2, 1), (2, 2), (1, 2))]
@@ -230,7 +239,7 @@ def test_cuts_in_a_spiral_end_with_a_word():
     inner = np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [1, 0]], float)
     outer = inner * (1 + np.linspace(1, 2, 5))[:, None]
     snail = Patch(([0, 0, 0.25, 0.5, 0.75, 1, 1], LINE), (1, 1), np.stack([inner, outer], axis=1))
-    with pytest.raises(InputError, match="spiral.*patch 0"):
+    with pytest.raises(InputError, match=r"spiral.*patch 0"):
         MultiPatch([snail]).conform()
 
 

@@ -87,7 +87,9 @@ def conforming(
         new = [Interface(*pair.a, *pair.b, pair.reversed) for pair in whole_pairs(found)]
         interfaces += new
         notes += [f"{_two(f)} glued" for f in new]
-        cuts = _cuts(patches, interfaces, found)
+        # A side that is glued whole is not cut where, by a smaller gap, another one of its ends would be.
+        whole = {side for f in new for side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b))}
+        cuts = _cuts(patches, interfaces, [pair for pair in found if not whole & {pair.a, pair.b}])
         if not cuts:
             break
         pieces = Pieces(patches, cuts)
