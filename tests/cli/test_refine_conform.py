@@ -133,7 +133,7 @@ def test_listed_interfaces_that_differ_are_read_with_a_warning_that_works(tmp_pa
 
 def test_listed_interfaces_of_sides_that_do_not_meet_are_refused(tmp_path):
     path = listed([A, quad((1.5, 0), (2, 0), (2, 1), (1.5, 1))], tmp_path)
-    failed(run("check", path), 2, "0.5 apart.*leave all interfaces out")
+    failed(run("check", path), 2, "0.5 apart.*leave the interfaces out")
 
 
 def test_the_report_tells_what_was_done(tmp_path):

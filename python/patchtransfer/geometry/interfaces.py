@@ -29,7 +29,7 @@ NEAREST = 16
 
 
 #: What to do about sides that are far from each other.
-ELSEWHERE = "name the sides that meet, or leave all interfaces out to have them found"
+ELSEWHERE = "name the sides that meet, or leave the interfaces out to have them found"
 #: Knots are the same if they differ by less, with parameters mapped to [0, 1].
 SAME_KNOT = 1e-9
 
