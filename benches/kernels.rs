@@ -1,10 +1,12 @@
 //! Criterion benches of the core's kernels: `cargo bench -p patchtransfer-core`.
 use criterion::{Criterion, criterion_group, criterion_main};
+use patchtransfer_core::location::Locator;
 use patchtransfer_core::mesh::local_global::LocalGlobal;
 use patchtransfer_core::mesh::triangulation::triangulate;
 use patchtransfer_core::numeric::ssvd;
 use patchtransfer_core::optimizer::{Model, Settings, SplineOptimizer};
 use patchtransfer_core::proof::injectivity::{Limits, certify_patch};
+use patchtransfer_core::spline::scattered::TensorSpline;
 use patchtransfer_core::spline::{SplinePatch, bezier_extract};
 use std::ops::ControlFlow;
 
@@ -128,9 +130,48 @@ fn optimisation(c: &mut Criterion) {
     }
 }
 
+/// 1e5 points of 30 bent bicubic patches: evaluated, and found again. What counts is the ratio.
+fn location(c: &mut Criterion) {
+    let knots = vec![0.0, 0.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0, 1.0];
+    let greville: Vec<f64> = (0..5).map(|i| knots[i + 1..i + 4].iter().sum::<f64>() / 3.0).collect();
+    let patch = |k: usize| {
+        let at = |i: usize| [(k / 6) as f64 + greville[i / 5], (k % 6) as f64 + greville[i % 5]];
+        let bent = |[x, y]: [f64; 2]| [x + 0.3 * (1.3 * y).sin(), y + 0.3 * (1.1 * x).cos()];
+        SplinePatch {
+            degrees: [3, 3],
+            knots: [knots.clone(), knots.clone()],
+            shape: [5, 5],
+            points: (0..25).map(|i| bent(at(i))).collect(),
+            weights: None,
+        }
+    };
+    let patches: Vec<SplinePatch> = (0..30).map(patch).collect();
+    let n = 100_000 / patches.len();
+    let parameter = |k: usize| 0.5 + 0.5 * (k as f64 * 1.7).sin();
+    let (u, v): (Vec<f64>, Vec<f64>) = (0..n).map(|k| (parameter(k), parameter(3 * k + 1))).unzip();
+    let evaluated = || -> Vec<f64> {
+        let values = |p: &SplinePatch| {
+            let [ku, kv] = &p.knots;
+            let coefficients = p.points.as_flattened();
+            TensorSpline { degrees: p.degrees, knots: [ku, kv], coefficients, width: 2 }.at_points(
+                &u,
+                &v,
+                [0, 0],
+            )
+        };
+        patches.iter().flat_map(values).collect()
+    };
+    let points: Vec<[f64; 2]> = evaluated().chunks_exact(2).map(|x| [x[0], x[1]]).collect();
+    let locator = Locator::new(&patches);
+    assert!(locator.locate(&points, 0.0).iter().all(Option::is_some));
+    c.bench_function("evaluate/1e5 points, 30 bicubic patches", |b| b.iter(evaluated));
+    c.bench_function("locate/1e5 points, 30 bicubic patches, setup", |b| b.iter(|| Locator::new(&patches)));
+    c.bench_function("locate/1e5 points, 30 bicubic patches", |b| b.iter(|| locator.locate(&points, 0.0)));
+}
+
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(20);
-    targets = extraction, projection, mesh, certificate, optimisation
+    targets = extraction, projection, mesh, certificate, optimisation, location
 }
 criterion_main!(benches);

@@ -27,7 +27,19 @@ with atheris.instrument_imports(include=["patchtransfer", "svgpathtools"]):
     import patchtransfer as pt
     from patchtransfer import io
     from patchtransfer.files import json_text
-    from patchtransfer.io import geopdes, gismo, layout_json, mfem, npz, points, splinepy_json, svg
+    from patchtransfer.io import (
+        airfoil,
+        dxf,
+        geojson,
+        geopdes,
+        gismo,
+        layout_json,
+        mfem,
+        npz,
+        points,
+        splinepy_json,
+        svg,
+    )
 
 #: Above what a run takes by itself, and above atheris' own tables.
 MEMORY = 2 * 2**30
@@ -142,6 +154,23 @@ def svg_boundary(data: bytes) -> None:
     svg.read_boundary(data)
 
 
+def dxf_boundary(data: bytes) -> None:
+    """Drawings of lines, arcs and splines."""
+    dxf.read_boundary(data)
+
+
+def json_boundary(data: bytes) -> None:
+    """GeoJSON polygons."""
+    geojson.looks_like_geojson(data)
+    geojson.read_boundary(data)
+
+
+def dat_boundary(data: bytes) -> None:
+    """Airfoils."""
+    airfoil.looks_like_airfoil(data)
+    airfoil.read_boundary(data)
+
+
 def landmarks(data: bytes) -> None:
     """Pairs of points."""
     rows = points.read_landmarks(data)
@@ -170,6 +199,9 @@ READERS = (
     xml_boundary,
     csv_boundary,
     svg_boundary,
+    dxf_boundary,
+    json_boundary,
+    dat_boundary,
     landmarks,
     layout,
 )

@@ -154,8 +154,8 @@ read once. *Newton steps* are those on the finest space; a large solve makes mor
 closed-form positive part, and the energies of the line search.
 
 `peers.py` beside it compares with [other software](peers.md), each comparison being a script of its own; others are
-`plan_map.py` (threads, processes), `continuity_cost.py` (C1 against C0), `registration.py` (1,000 curves) and
-`busy_machine.py` (beside other programs).
+`plan_map.py` (threads, processes), `continuity_cost.py` (C1 against C0), `registration.py` (1,000 curves),
+`busy_machine.py` (beside other programs) and `location.py` (points found in models, beside evaluating them).
 `cargo bench -p patchtransfer-core` times the core's kernels.
 """
 

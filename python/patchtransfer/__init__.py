@@ -16,7 +16,7 @@ interruption.leave_silently()
 # ruff: noqa: E402
 import lazy_loader
 
-from .geometry import display, exchange
+from .geometry import blocks, display, exchange, origins
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
@@ -25,3 +25,12 @@ display.draw_with(
     lambda shown: import_module(".plot", __name__).html(shown),
 )
 exchange.find_with(lambda name: getattr(import_module(".interop", __name__), name))
+blocks.renumber_with(lambda block, parts: import_module(".io.gismo.renumbering", __name__).renumbered(block, parts))
+origins.make_with(
+    {
+        "shapely": lambda *given, **options: import_module(".io.geojson", __name__).boundary_of_shapely(
+            *given, **options
+        ),
+        "mask": lambda *given, **options: import_module(".io.mask", __name__).boundary_of_mask(*given, **options),
+    }
+)

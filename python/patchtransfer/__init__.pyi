@@ -10,6 +10,7 @@ from .errors import InfeasibleTargetError as InfeasibleTargetError
 from .errors import InputError as InputError
 from .errors import InputWarning as InputWarning
 from .errors import TransferError as TransferError
+from .geometry.blocks import Block as Block
 from .geometry.boundary import Boundary as Boundary
 from .geometry.conform import Conformed as Conformed
 from .geometry.conform import conform as conform

@@ -37,6 +37,15 @@ def bezier_extract(knots: FloatArray, degree: int, coefficients: FloatArray) -> 
 def evaluate_spline(
     knots: FloatArray, degree: int, coefficients: FloatArray, at: FloatArray, order: int
 ) -> FloatArray: ...
+def evaluate_tensor(
+    knots: tuple[FloatArray, FloatArray],
+    degrees: tuple[int, int],
+    coefficients: FloatArray,
+    u: FloatArray,
+    v: FloatArray,
+    du: int,
+    dv: int,
+) -> FloatArray: ...
 def measure_quality(
     patches: list[PatchTuple], signs: list[float], samples: int, excluded: list[list[int]]
 ) -> list[tuple[tuple[float, float, float], tuple[float, float, float], tuple[int, int], tuple[float, float]]]: ...
@@ -50,6 +59,12 @@ class Galerkin:
     ) -> None: ...
     def pattern(self) -> tuple[IntArray, IntArray]: ...
     def assemble(self, kinds: list[tuple[int, int]], coefficients: list[FloatArray]) -> FloatArray: ...
+
+# location
+
+class Locator:
+    def __init__(self, patches: list[PatchTuple]) -> None: ...
+    def locate(self, points: FloatArray, tolerance: float) -> tuple[IntArray, FloatArray, FloatArray]: ...
 
 # outline
 

@@ -17,6 +17,7 @@ __all__ = [
     "MAX_CORNERS",
     "MAX_CURVES",
     "MAX_DEGREE",
+    "MAX_DXF_LINES",
     "MAX_FILE_BYTES",
     "MAX_FRAME_POINTS",
     "MAX_JSON_LISTS",
@@ -28,6 +29,7 @@ __all__ = [
     "MAX_LOOPS",
     "MAX_MODEL_LINES",
     "MAX_PATCHES",
+    "MAX_PIXELS",
     "MAX_QUADS",
     "MAX_TAGS",
     "at_most",
@@ -64,6 +66,10 @@ MAX_LANDMARKS = 1_000
 MAX_LINES = 500_000
 #: Lines of a model as text: a weight and a point for each control point stand in lines of their own, and as many again.
 MAX_MODEL_LINES = 4 * MAX_CONTROL_POINTS
+#: Lines of a DXF file: 18 s and 0.6 GB at the bound.
+MAX_DXF_LINES = 6_000_000
+#: Pixels of an image, which takes 60 bytes for each while its regions are told apart.
+MAX_PIXELS = 16_000_000
 #: Quads of a layout, ...
 MAX_QUADS = 1_000
 #: ... and control points of the model made of it, which is optimised: 10 s and 1.5 GB at the bound.

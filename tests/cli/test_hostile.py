@@ -153,9 +153,9 @@ def test_models(files, case):
 @pytest.mark.parametrize(
     ("module", "name", "message"),
     [
-        ("patchtransfer.io.gismo", "MAX_PATCHES", "2 patches, at most 1"),
-        ("patchtransfer.io.gismo", "MAX_CONTROL_POINTS", "control points, at most 1"),
-        ("patchtransfer.io.gismo", "MAX_ALONG", "control points in one direction of Geometry id=0"),
+        ("patchtransfer.io.gismo.splines", "MAX_PATCHES", "2 patches, at most 1"),
+        ("patchtransfer.io.gismo.splines", "MAX_CONTROL_POINTS", "control points, at most 1"),
+        ("patchtransfer.io.gismo.splines", "MAX_ALONG", "control points in one direction of Geometry id=0"),
         ("patchtransfer.io.safe_xml", "MAX_TAGS", "tags, at most 1"),
     ],
 )
@@ -165,10 +165,10 @@ def test_bounds_of_models(files, monkeypatch, module, name, message):
 
 
 def test_bounds_of_curves(files, monkeypatch):
-    monkeypatch.setattr("patchtransfer.io.gismo.MAX_CURVES", 3)
+    monkeypatch.setattr("patchtransfer.io.gismo.splines.MAX_CURVES", 3)
     failed(run("transfer", files / "a.xml", files / "target.xml", "-o", files / "o.xml"), 2, "curves, at most 3")
     monkeypatch.undo()
-    monkeypatch.setattr("patchtransfer.io.gismo.MAX_BOUNDARY_POINTS", 5)
+    monkeypatch.setattr("patchtransfer.io.gismo.splines.MAX_BOUNDARY_POINTS", 5)
     failed(run("transfer", files / "a.xml", files / "target.xml", "-o", files / "o.xml"), 2, "points of the boundary")
 
 
@@ -258,7 +258,7 @@ def test_own_warnings_are_one_line_and_others_none(files, monkeypatch):
     text = (files / "a.xml").read_text()
     block = re.search("<MultiPatch.*</MultiPatch>", text, re.DOTALL)[0]
     (files / "a.xml").write_text(text.replace(block, block + block))
-    real = pt.io.gismo.parse_xml
+    real = pt.io.gismo.multipatch.parse_xml
 
     def noisy(data):
         import warnings
@@ -266,10 +266,11 @@ def test_own_warnings_are_one_line_and_others_none(files, monkeypatch):
         warnings.warn("a library has something to say", DeprecationWarning, stacklevel=1)
         return real(data)
 
-    monkeypatch.setattr(pt.io.gismo, "parse_xml", noisy)
+    monkeypatch.setattr(pt.io.gismo.multipatch, "parse_xml", noisy)
     result = run("check", files / "a.xml")
     assert result.exit_code == 0, result.output
-    assert result.stderr == "warning: the file holds 2 MultiPatch blocks; the first is read\n"
+    told = "the file holds 2 MultiPatch blocks; the first is read, the others are kept as they are"
+    assert result.stderr == f"warning: {told}\n"
 
 
 # --- errors that nobody thought of ----------------------------------------------------------------

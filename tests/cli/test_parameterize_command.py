@@ -69,3 +69,25 @@ def test_the_outline_is_not_written_over(folder):
     before = (folder / "L.xml").read_bytes()
     failed(run("parameterize", folder / "L.xml", "-o", folder / "L.xml"), 2, "would replace the input")
     assert (folder / "L.xml").read_bytes() == before
+
+
+def test_layers_are_chosen_and_notes_are_told(folder):
+    ezdxf = pytest.importorskip("ezdxf")
+    document = ezdxf.new()
+    space = document.modelspace()
+    space.add_lwpolyline([(0, 0), (4, 0), (4, 3), (0, 3)], close=True, dxfattribs={"layer": "Plate"})
+    space.add_text("A4", dxfattribs={"layer": "Plate"})
+    space.add_lwpolyline([(-9, -9), (9, -9), (9, 9), (-9, 9)], close=True, dxfattribs={"layer": "Frame"})
+    document.saveas(folder / "plate.dxf")
+    report = folder / "r.json"
+    layers = ["--layer", "plate", "--layer", "0"]
+    result = run("parameterize", folder / "plate.dxf", "-o", folder / "out.xml", "--json", report, *layers)
+    assert result.exit_code == 0, result.output
+    notes = [
+        "left out, for they draw no outline: 1 TEXT on layer 'Plate'",
+        "left out, for their layers were not chosen: 1 on layer 'Frame'",
+    ]
+    assert json.loads(report.read_text())["notes"] == notes
+    assert result.stderr.splitlines() == [f"note: {note}" for note in notes]
+    assert len(pt.read(folder / "out.xml").patches) == 1
+    failed(run("parameterize", folder / "plate.dxf", "-o", folder / "o.xml", "--layer", "x"), 2, "no layer 'x'")

@@ -137,6 +137,23 @@ def test_refuses_what_cannot_be_written_and_leaves_nothing(tmp_path, model):
     assert [p.name for p in tmp_path.iterdir()] == ["folder.png"]
 
 
+def test_notebooks_show_boundaries_and_single_patches(star):
+    boundary, patch = star.boundary(), star.patches[0]
+    for shown, wanted in (
+        (boundary, {"loops": "1", "curves": "6", "degrees": "1", "control points": "12"}),
+        (patch, {"degrees": "1 × 1", "control points": "2 × 2", "weights": "no"}),
+    ):
+        assert shown._repr_png_().startswith(PNG)
+        page = shown._repr_html_()
+        assert f"<caption>{type(shown).__name__}</caption>" in page
+        cells = dict(re.findall(r"<th[^>]*>([^<]*)</th><td[^>]*>([^<]*)</td>", page))
+        assert wanted.items() <= cells.items()
+        assert "data:image/png;base64," in page
+    # A patch that folds, or is folded onto itself, is shown as it is.
+    folded = patch.with_control_points(patch.control_points[::-1] * [1, 0])
+    assert folded._repr_png_().startswith(PNG)
+
+
 def test_notebook_representations(star):
     assert star._repr_png_().startswith(PNG)
     page = star._repr_html_()

@@ -35,9 +35,11 @@ __all__ = ["BatchOptions", "BatchRow", "run_batch", "write_summary"]
 #: Ends the names of landmark files: they are never targets themselves.
 LANDMARKS = ".landmarks.csv"
 SUMMARY = ("summary.csv", "summary.json")
+#: Characters of a path or an error that a row shows of itself: together they fit a line.
+NAME = 45
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class BatchOptions(Options):
     """Options of every transfer; `time_limit` is each target's own, `keep_uncertified` writes the best maps."""
 
@@ -83,6 +85,12 @@ class BatchRow:
     seconds: float | None = None
     landmarks: bool = False
     error: str | None = None
+
+    def __repr__(self) -> str:
+        # The end of a path names the target, the start of an error what went wrong.
+        target = self.target if len(self.target) <= NAME else f"…{self.target[1 - NAME :]}"
+        error = "" if self.error is None else f", {self.error}".split("\n")[0]
+        return f"<BatchRow: {target}, {self.status}{error if len(error) <= NAME else error[: NAME - 1] + '…'}>"
 
 
 @dataclass(frozen=True)
@@ -264,7 +272,7 @@ def _transfer(plan: TransferPlan, job: _Job, options: BatchOptions) -> BatchRow:
         metrics, good = result.quality.scaled_jacobian, result.certificate.injective
         io.write(result.multipatch, job.output)
         digest = hashlib.sha256(job.output.read_bytes()).hexdigest()
-        content = result.to_dict()
+        content = result.to_dict() | {"notes": list(target.notes)}
         row = BatchRow(
             str(job.target),
             result.certificate.status,

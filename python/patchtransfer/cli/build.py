@@ -50,5 +50,5 @@ def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | Non
             )
         except InputError as error:
             raise InputError(f"{layout}: {error}") from None
-        deliver(result, output, report, [(plot_path, partial(draw_patches, result))])
+        deliver(result, output, report, [(plot_path, partial(draw_patches, result))], given.boundary)
     leave(result)

@@ -104,6 +104,7 @@ def check(file: str, json_path: str | None) -> None:
     """Topology, certificate, quality and continuity of the multi-patch FILE."""
     from .. import io
     from ..geometry.coincidences import coincidences
+    from ..geometry.labels import plain
     from ..measure.continuity import check_continuity
     from ..measure.quality import quality
     from ..proof.certificate import certify
@@ -118,6 +119,7 @@ def check(file: str, json_path: str | None) -> None:
         unglued = [c.text for c in coincidences(model.patches, model.interfaces)]
         content = {
             "topology": _topology(model),
+            "labels": plain(model.sides),
             "certificate": certificate.to_dict(),
             "quality": quality(model, exclude=degenerate).to_dict(),
             "continuity": check_continuity(model).to_dict(),

@@ -18,6 +18,7 @@ from .support import (
     keep_inputs,
     keep_uncertified_option,
     leave,
+    outline_options,
     set_threads,
     status_line,
 )
@@ -44,6 +45,7 @@ __all__ = ["parameterize"]
 @fit_tolerance_option
 @click.option("--time-limit", type=float, metavar="S", help="Seconds after which no further layout is tried.")
 @keep_uncertified_option
+@outline_options
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
 @json_option
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
@@ -61,10 +63,12 @@ def parameterize(
     plot_path: str | None,
     json_path: str | None,
     threads: int | None,
+    layers: tuple[str, ...] | None,
 ) -> None:
     """Parameterize the inside of OUTLINE, which needs no source: the layout of patches is found.
 
-    OUTLINE is a boundary: G+Smo XML, closed point lists (CSV) or an SVG drawing, holes included.
+    OUTLINE is a boundary, holes included: G+Smo XML, closed point lists (CSV), a drawing (SVG, DXF), a polygon
+    (GeoJSON), an airfoil or an image.
     """
     from .. import io
     from ..sources.auto_layout import parameterize as run
@@ -74,7 +78,7 @@ def parameterize(
         check_outputs(model=output, picture=plot_path, report=json_path)
         keep_inputs([outline], [output, plot_path, json_path])
         set_threads(threads)
-        boundary = io.read_boundary(outline)
+        boundary = io.read_boundary(outline, layers=layers)
         with status_line("reading", _stage) as progress:
             result = run(
                 boundary,
@@ -88,7 +92,7 @@ def parameterize(
                 on_failure="return" if keep_uncertified else "raise",
                 progress=progress,
             )
-        deliver(result, output, report, [(plot_path, partial(draw_patches, result))])
+        deliver(result, output, report, [(plot_path, partial(draw_patches, result))], boundary)
     leave(result)
 
 

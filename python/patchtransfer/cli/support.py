@@ -22,6 +22,7 @@ from ..files import json_text, write_atomic
 from ..pipeline.options import CHOICES, Options
 
 if TYPE_CHECKING:
+    from ..geometry.boundary import Boundary
     from ..pipeline.result import TransferResult
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "keep_uncertified_option",
     "leave",
     "only_own_warnings",
+    "outline_options",
     "print_error",
     "print_line",
     "say",
@@ -295,6 +297,18 @@ def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[
     )
 
 
+def outline_options(command: Callable[..., None]) -> Callable[..., None]:
+    """How an outline is read: keywords of `read_boundary`."""
+    return click.option(
+        "--layer",
+        "layers",
+        multiple=True,
+        callback=lambda context, parameter, value: value or None,
+        metavar="NAME",
+        help="Layer of the drawing to read, or GeoJSON polygon; repeatable (default: all that are visible).",
+    )(command)
+
+
 fit_tolerance_option = click.option(
     "--fit-tolerance",
     type=float,
@@ -370,11 +384,15 @@ def deliver(
     output: str,
     report: Report,
     pictures: Sequence[tuple[str | None, Callable[[str], None]]],
+    outline: Boundary,
 ) -> None:
-    """Write pictures (path, or None for none, and what draws there), model and report, all or none of them."""
+    """Write pictures (path, or None for none, and what draws there), model and report, all or none of them.
+
+    The report has the outline's notes besides.
+    """
     from .. import io
 
-    content = result.to_dict()
+    content = result.to_dict() | {"notes": list(outline.notes)}
     if not result.certificate.injective:
         content["error"] = str(result.certificate)
     with all_or_nothing(output, *(path for path, _ in pictures), report.path):
@@ -385,6 +403,8 @@ def deliver(
         report.write(content)
         if report.path != "-":
             summary(content, output)
+    for note in outline.notes:
+        print_line(f"[cyan]note:[/] {escape(note)}")
 
 
 def leave(result: TransferResult) -> NoReturn:
@@ -434,6 +454,8 @@ def summary(content: dict[str, Any], output: str | None) -> None:
             f"{topology['patches']} patches, {topology['interfaces']} interfaces, "
             f"{topology['boundary_loops']} boundary loops, valences of extraordinary vertices: {valences or 'none'}",
         )
+    if content.get("labels"):
+        table.add_row("labels", "; ".join(_label(*item) for item in content["labels"].items()))
     if "patches" in content:
         table.add_row("patches", str(content["patches"]))
     if "boundary_error" in content:
@@ -445,6 +467,13 @@ def summary(content: dict[str, Any], output: str | None) -> None:
     if output is not None:
         table.add_row("written", output)
     say(table)
+
+
+def _label(name: str, sides: list[dict[str, int]]) -> str:
+    from ..geometry.sides import Side
+
+    where = ", ".join(f"{side['patch']} {Side(side['side']).name.lower()}" for side in sides)
+    return f"{escape(name)}: {where or 'no side'}"
 
 
 def _number(x: float | None) -> str:

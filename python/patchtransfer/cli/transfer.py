@@ -17,6 +17,7 @@ from .support import (
     json_option,
     keep_inputs,
     leave,
+    outline_options,
     set_threads,
     status_line,
     transfer_options,
@@ -37,6 +38,7 @@ __all__ = ["transfer"]
 @click.option("--landmarks", metavar="L.csv", help="Corresponding boundary points, columns xs,ys,xt,yt.")
 @continuity_option("c1")
 @transfer_options
+@outline_options
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
 @click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
 @json_option
@@ -51,12 +53,13 @@ def transfer(
     plot_registration: str | None,
     json_path: str | None,
     threads: int | None,
+    layers: tuple[str, ...] | None,
     **options: Any,
 ) -> None:
     """Transfer the parameterization SOURCE to the boundary TARGET.
 
-    SOURCE is a multi-patch (G+Smo XML). TARGET is a boundary: G+Smo XML, closed point lists (CSV) or an SVG
-    drawing.
+    SOURCE is a multi-patch (G+Smo XML). TARGET is a boundary: G+Smo XML, closed point lists (CSV), a drawing (SVG,
+    DXF), a polygon (GeoJSON), an airfoil or an image.
     """
     from .. import io
     from ..pipeline.plan import transfer as run
@@ -67,7 +70,7 @@ def transfer(
         check_outputs(picture=plot_registration)
         keep_inputs([source, target, landmarks], [output, plot_path, plot_registration, json_path])
         set_threads(threads)
-        model, boundary = io.read(source), io.read_boundary(target)
+        model, boundary = io.read(source), io.read_boundary(target, layers=layers)
         points = None if landmarks is None else io.read_landmarks(landmarks)
         with status_line() as progress:
             result = run(model, boundary, points, continuity, progress=progress, **chosen(options).keywords())
@@ -75,7 +78,7 @@ def transfer(
             (plot_path, partial(_draw_transfer, model, boundary, result)),
             (plot_registration, partial(_draw_registration, model, boundary, result)),
         ]
-        deliver(result, output, report, pictures)
+        deliver(result, output, report, pictures, boundary)
     leave(result)
 
 

@@ -16,7 +16,9 @@ from ..numeric import dense
 from ..numeric.arrays import FloatArray, frozen_array
 
 __all__ = [
+    "check_inside",
     "check_knots",
+    "check_order",
     "check_samples",
     "check_weights",
     "collocation_matrix",
@@ -28,7 +30,11 @@ __all__ = [
     "reverse_knots",
     "span_basis",
     "spline_values",
+    "weights_agree",
 ]
+
+#: Weights of a polynomial that was refined or elevated as a rational spline differ by some units of roundoff.
+WEIGHT_ULPS = 8.0
 
 
 def check_knots(knots: FloatArray, degree: int, count: int, what: str) -> None:
@@ -63,6 +69,29 @@ def check_weights(weights: ArrayLike | None, shape: tuple[int, ...], what: str) 
     if (array <= 0).any():
         raise InputError(f"{what}: weight {array.min():g} is not positive")
     return array
+
+
+def weights_agree(weights: FloatArray) -> bool:
+    """Whether weights differ by no more than rounding, so that files mean a polynomial by them.
+
+    The polynomial is off the rational spline by the same part of the control points' extent, which is less than the
+    rounding of points that a program computed.
+    """
+    return bool(np.ptp(weights) <= WEIGHT_ULPS * np.finfo(float).eps * np.abs(weights).max())
+
+
+def check_inside(t: FloatArray, knots: FloatArray, what: str) -> None:
+    """Raise `InputError` unless all parameters `t` lie in the domain, limits included; NaN does not."""
+    outside = ~((t >= knots[0]) & (t <= knots[-1]))
+    if outside.any():
+        value = float(t[outside].flat[0])
+        raise InputError(f"{what} = {value!r} is outside the domain [{float(knots[0])!r}, {float(knots[-1])!r}]")
+
+
+def check_order(order: int, what: str) -> None:
+    """Raise `InputError` unless a derivative's order is a whole number from 0 on."""
+    if order != int(order) or order < 0:
+        raise InputError(f"{what} = {order}: the order of a derivative is a whole number from 0 on")
 
 
 def knot_spans(knots: ArrayLike) -> FloatArray:

@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from . import display
 from .curve import BSplineCurve
+from .origins import make
 from .packing import PackedCurves, pack_curves, unpack_curves
 
 __all__ = ["Boundary"]
+
+#: Loops whose numbers of curves are told one by one; more are counted together, on one line.
+SHOWN = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +59,84 @@ class Boundary:
                         f"{(i + 1) % len(loop)} (tolerance {tolerance:.3g}); close the loop"
                     )
 
+    @classmethod
+    def from_shapely(cls, polygon: Any, *, smooth: bool | None = None) -> Boundary:
+        """Boundary of a Shapely polygon, holes included.
+
+        Parameters
+        ----------
+        polygon : shapely.Polygon
+            Or a MultiPolygon of one part. Third coordinates are left out, with a note.
+        smooth : bool, optional
+            Whether the rings are samples of smooth curves (True) or polygons (False); None (the default) decides by
+            all turns together, as for points from CSV.
+
+        Returns
+        -------
+        Boundary
+            The outer loop first.
+
+        Raises
+        ------
+        InputError
+            When it is no polygon, empty, not valid, or has several parts.
+
+        Examples
+        --------
+        >>> import shapely
+        >>> Boundary.from_shapely(shapely.box(0, 0, 4, 3) - shapely.box(1, 1, 2, 2))
+        <Boundary: 2 loops of 4, 4 curves>
+        """
+        boundary: Boundary = make("shapely", polygon, smooth=smooth)
+        return boundary
+
+    @classmethod
+    def from_mask(
+        cls,
+        mask: ArrayLike,
+        *,
+        tolerance: float = 0.5,
+        corner_angle: float = 30.0,
+        smooth: bool | None = None,
+    ) -> Boundary:
+        """Boundary of the region that a mask or a grey image shows, smoothed.
+
+        Parameters
+        ----------
+        mask : (rows, columns) array
+            True inside. Numbers are grey levels: inside is above the mean of the smallest and the largest one, and
+            the outline runs between the pixels where they say.
+        tolerance : float, default 0.5
+            How far the curves may be from the traced outline, in pixels; corners, which tracing cuts, are farther out
+            by the length of the cut.
+        corner_angle : float, default 30
+            Least turn of a corner, in degrees. A turn counts where no circle follows the outline within the tolerance:
+            what is rounder than pixels can tell stays smooth.
+        smooth : bool, optional
+            True for no corners at all, False for a polygon; None (the default) finds corners.
+
+        Returns
+        -------
+        Boundary
+            In pixels: that of row i and column j covers [j, j + 1] x [rows - 1 - i, rows - i], so that the picture is
+            upright. The outer loop first. Specks and pinholes of up to 16 pixels are left out, with a note.
+
+        Raises
+        ------
+        InputError
+            When nothing or more than one region is inside; the message has their sizes.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> mask = np.zeros((60, 80), bool)
+        >>> mask[10:50, 10:70] = True
+        >>> Boundary.from_mask(mask)
+        <Boundary: 1 loops of 4 curves>
+        """
+        boundary: Boundary = make("mask", mask, tolerance=tolerance, corner_angle=corner_angle, smooth=smooth)
+        return boundary
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Boundary) and self.loops == other.loops
 
@@ -61,13 +146,23 @@ class Boundary:
         return _unpacked_boundary, ([pack_curves(loop) for loop in self.loops], self.notes)
 
     def __repr__(self) -> str:
-        return f"<Boundary: {len(self.loops)} loops of {', '.join(str(len(x)) for x in self.loops)} curves>"
+        counts = [len(loop) for loop in self.loops]
+        loops = f"{len(counts)} loop{'' if len(counts) == 1 else 's'}"
+        if len(counts) > SHOWN:
+            return f"<Boundary: {loops}, {sum(counts)} curves>"
+        return f"<Boundary: {loops} of {', '.join(map(str, counts))} curve{'' if counts == [1] else 's'}>"
 
     @cached_property
     def diameter(self) -> float:
         """Diagonal of the control points' bounding box."""
         points = np.concatenate([curve.control_points for loop in self.loops for curve in loop])
         return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+    def _repr_png_(self) -> bytes | None:
+        return display.as_png(self)
+
+    def _repr_html_(self) -> str | None:
+        return display.as_html(self)
 
 
 def _unpacked_boundary(loops: list[PackedCurves], notes: tuple[str, ...]) -> Boundary:

@@ -7,16 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
 from ..numeric.arrays import FloatArray
-from .interfaces import misfits
 from .mending import OTHER_CURVE, conform_command, short
 from .overlaps import Overlap, SideOf, overlaps, whole_pairs
 from .patch import Patch
 from .sides import Interface
 from .tolerances import diameter, exact
 
-__all__ = ["NAMED_GAP", "OF_THICKNESS", "WIDE_GAP", "Coincidence", "between_parts", "coincidences", "fitting"]
+__all__ = ["NAMED_GAP", "OF_THICKNESS", "WIDE_GAP", "Coincidence", "between_parts", "coincidences"]
 
 #: Gaps up to this part of the model's diameter, and the thickness of the patches, are named: sides of printed models
 #: that were meant to meet are within a thousandth of it. More is as likely a slit.
@@ -114,25 +112,3 @@ def _differences(pair: Overlap) -> str:
     elif not pair.same_knots and p == q:
         differences.append(f"knots differ: {m} and {n} spans, but not the same ones")
     return ", ".join(differences)
-
-
-def fitting(patches: Sequence[Patch], interfaces: Sequence[Interface]) -> tuple[list[Interface], str]:
-    """Interfaces that fit the patches, and a warning about others, whose sides coincide at least nearly.
-
-    Raises
-    ------
-    InputError
-        When the sides of an interface neither fit nor coincide.
-    """
-    wrong = list(misfits(patches, interfaces))
-    if not wrong:
-        return list(interfaces), ""
-    kept = [f for f in interfaces if f not in {misfit.interface for misfit in wrong}]
-    meant = {frozenset([c.a, c.b]) for c in coincidences(patches, kept, WIDE_GAP)}
-    for misfit in wrong:
-        f = misfit.interface
-        if frozenset([(f.patch_a, f.side_a), (f.patch_b, f.side_b)]) not in meant:
-            raise InputError(str(misfit))
-    first = wrong[0]
-    more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
-    return kept, f"interface {first.interface.name}{more} left out: {first.difference}; run `{first.mend}`"

@@ -11,7 +11,18 @@ from numpy.typing import ArrayLike
 from .._core import bezier_extract
 from ..errors import InputError
 from ..numeric.arrays import FloatArray, frozen_array, same_bits
-from .basis import check_knots, check_weights, elevate, insert_knots, knot_spans, reverse_knots, spline_values
+from .basis import (
+    check_inside,
+    check_knots,
+    check_order,
+    check_weights,
+    elevate,
+    insert_knots,
+    knot_spans,
+    reverse_knots,
+    spline_values,
+)
+from .rational import quotient_derivative
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -83,6 +94,10 @@ class BSplineCurve:
 
     __hash__ = None  # type: ignore[assignment]
 
+    def __repr__(self) -> str:
+        kind = "B-spline" if self.weights is None else "NURBS"
+        return f"<BSplineCurve: degree {self.degree}, {len(self.control_points)} control points, {kind}>"
+
     @property
     def domain(self) -> tuple[float, float]:
         """First and last knot."""
@@ -104,21 +119,24 @@ class BSplineCurve:
         return np.column_stack([self.control_points * w[:, None], w])
 
     def __call__(self, t: ArrayLike, order: int = 0) -> FloatArray:
-        """Point (or derivative of `order` 0, 1 or 2) at the parameters `t`, shape (..., 2)."""
+        """Points, or derivatives of `order`, at the parameters `t` of any shape: (..., 2).
+
+        Raises
+        ------
+        InputError
+            When a parameter is outside the domain; it may be its first or last one, to the bit.
+        """
         t = np.asarray(t, dtype=np.float64)
+        check_inside(t, self.knots, "curve: parameter t")
+        check_order(order, "order")
         if self.weights is None:
             return spline_values(self.knots, self.degree, self.control_points, t, order)
-        h = [spline_values(self.knots, self.degree, self.homogeneous(), t, k) for k in range(order + 1)]
-        weight = h[0][..., 2:]
-        point = h[0][..., :2] / weight
-        if order == 0:
-            return np.asarray(point)
-        first = (h[1][..., :2] - h[1][..., 2:] * point) / weight
-        if order == 1:
-            return np.asarray(first)
-        if order > 2:
-            raise InputError("derivatives above the second are not available for rational curves")
-        return np.asarray((h[2][..., :2] - 2 * h[1][..., 2:] * first - h[2][..., 2:] * point) / weight)
+        h = self.homogeneous()
+        return quotient_derivative(lambda k, _: spline_values(self.knots, self.degree, h, t, k), order)
+
+    def derivative(self, t: ArrayLike, order: int = 1) -> FloatArray:
+        """Derivative of any order at the parameters `t` of any shape, (..., 2); after the knot where it jumps."""
+        return self(t, order)
 
     def reversed(self) -> BSplineCurve:
         """The same curve traversed backwards on the same domain."""

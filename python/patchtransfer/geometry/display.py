@@ -1,4 +1,4 @@
-"""How a notebook shows a multi-patch: hooks that the package fills, since drawing is a floor above the geometry."""
+"""How a notebook shows models and boundaries: hooks that the package fills, since drawing is a floor above."""
 
 from __future__ import annotations
 

@@ -26,12 +26,32 @@ __all__ = ["SAME_KNOT", "Misfit", "check_interfaces", "infer_interfaces", "misfi
 #: Sides that are compared with a side, those with the nearest middles. In a valid model one coincides; files with
 #: thousands of copies of a patch must not take thousands of comparisons a side.
 NEAREST = 16
-
-
-#: What to do about sides that are far from each other.
-ELSEWHERE = "name the sides that meet, or leave the interfaces out to have them found"
 #: Knots are the same if they differ by less, with parameters mapped to [0, 1].
 SAME_KNOT = 1e-9
+
+
+class Misfit(NamedTuple):
+    """An interface that does not fit its patches: its number, what is wrong ("names", "knots" or "gap"), and a line.
+
+    `gap` is how far apart the sides are: their control points, or their ends where the knots differ. `meant`
+    says whether that is less than the patches are thick: else the sides are hardly those that were meant.
+    """
+
+    number: int
+    kind: str
+    reason: str
+    gap: float = 0.0
+    meant: bool = True
+
+    @property
+    def advice(self) -> str:
+        """What to do about it."""
+        if self.kind == "names":
+            return "correct it"
+        if not self.meant:
+            return "name the sides that meet, or leave the interfaces out to have them found"
+        command = conform_command(self.gap if self.kind == "gap" else 0.0)
+        return f"leave it out and run `{command}`, or take MultiPatch.conform"
 
 
 class _Sides(NamedTuple):
@@ -91,86 +111,81 @@ def check_interfaces(patches: Sequence[Patch], interfaces: Sequence[Interface]) 
     Gaps may be as large as `infer_interfaces` bridges.
     """
     for misfit in misfits(patches, interfaces):
-        raise InputError(str(misfit))
-
-
-class Misfit(NamedTuple):
-    """An interface whose sides differ.
-
-    Attributes
-    ----------
-    interface : Interface
-    difference : str
-        What they differ by.
-    mend : str
-        The command that makes them agree; empty if they are too far apart to have been meant to.
-    """
-
-    interface: Interface
-    difference: str
-    mend: str
-
-    def __str__(self) -> str:
-        leave = f"leave it out and run `{self.mend}`, or take MultiPatch.conform" if self.mend else ELSEWHERE
-        return f"interface {self.interface.name}: {self.difference}; {leave}"
+        raise InputError(f"{misfit.reason}; {misfit.advice}")
 
 
 def misfits(patches: Sequence[Patch], interfaces: Sequence[Interface]) -> Iterator[Misfit]:
-    """Interfaces whose sides differ in degree, knots or control points.
-
-    Raises
-    ------
-    InputError
-        On interfaces of patches that do not exist, and on sides in two interfaces.
-    """
+    """Interfaces that do not fit the patches, in their order."""
     points = np.concatenate([p.control_points.reshape(-1, 2) for p in patches])
-    bounds = tolerances([points])
+    largest, rounding = tolerances([points])
     used: set[tuple[int, Side]] = set()
-    for f in interfaces:
+    for i, f in enumerate(interfaces):
+        stray = [k for k in (f.patch_a, f.patch_b) if not 0 <= k < len(patches)]
+        sides = [(f.patch_a, f.side_a), (f.patch_b, f.side_b)]
+        twice = [s for n, s in enumerate(sides) if s in used or s in sides[:n]]
+        used |= set(sides)
         name = f"interface {f.name}"
-        for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b)):
-            if not 0 <= k < len(patches):
-                raise InputError(f"{name}: there is no patch {k}")
-            if (k, side) in used:
-                raise InputError(f"{name}: {side.name.lower()} of patch {k} is in more than one interface")
-            used.add((k, side))
+        if stray:
+            yield Misfit(i, "names", f"{name}: there is no patch {stray[0]}")
+            continue
+        if twice:
+            k, side = twice[0]
+            yield Misfit(i, "names", f"{name}: {side.name.lower()} of patch {k} is in more than one interface")
+            continue
         a, b = patches[f.patch_a], patches[f.patch_b]
-        difference = _spline_difference(f, a, b)
-        if difference:
-            yield Misfit(f, difference, conform_command(0.0))
-        elif misfit := _gap(f, a, b, *bounds):
-            yield misfit
+        if reason := _other_knots(f, a, b):
+            gap = _distance(f, a, b, ends_only=True)
+            yield Misfit(i, "knots", f"{name}: {reason}", gap, _meant(f, gap, a, b))
+        elif reason := _gap(f, a, b, largest, rounding):
+            gap = _distance(f, a, b)
+            yield Misfit(i, "gap", f"{name}: {reason}", gap, _meant(f, gap, a, b))
 
 
-def _gap(f: Interface, a: Patch, b: Patch, largest: float, rounding: float) -> Misfit | None:
-    points_b = f.side_b.of(b.control_points)
-    gap = float(np.abs(f.side_a.of(a.control_points) - (points_b[::-1] if f.reversed else points_b)).max())
+def _gap(f: Interface, a: Patch, b: Patch, largest: float, rounding: float) -> str | None:
+    """What parts the control points of two sides."""
+    gap = _distance(f, a, b)
     # The thickness is asked for only where something differs: most sides are equal to the bit.
-    if gap == 0 or (gap <= rounding and f.patch_a != f.patch_b):
-        return None
+    if gap > 0 and (gap > rounding or f.patch_a == f.patch_b):
+        nets, unit = scaled((a, b))
+        thin = unit * OF_THICKNESS * min(thickness(net, rounding / unit) for net in nets)
+        tolerance = min(largest, thin)
+        if gap > tolerance:
+            what = "" if tolerance == largest else f", half the thickness of patch {_thinner(f, nets)}"
+            return f"control points are {gap:.3g} apart (tolerance {tolerance:.3g}{what})"
+    return None
+
+
+def _meant(f: Interface, gap: float, a: Patch, b: Patch) -> bool:
+    """Whether two sides are nearer to each other than their patches are thick."""
     nets, unit = scaled((a, b))
-    thin = unit * min(thickness(net, rounding / unit) for net in nets)
-    tolerance = min(largest, OF_THICKNESS * thin)
-    if gap <= tolerance:
-        return None
-    what = "" if tolerance == largest else f", half the thickness of patch {_thinner(f, nets)}"
-    # Sides that are farther apart than the patches are thick were not meant to be one.
-    mend = conform_command(gap) if gap <= thin and f.patch_a != f.patch_b else ""
-    return Misfit(f, f"control points are {gap:.3g} apart (tolerance {tolerance:.3g}{what})", mend)
+    return f.patch_a != f.patch_b and gap <= unit * min(thickness(net, 0.0) for net in nets)
 
 
-def _spline_difference(f: Interface, a: Patch, b: Patch) -> str:
+def _distance(f: Interface, a: Patch, b: Patch, ends_only: bool = False) -> float:
+    """Largest distance of the control points of two sides."""
+    points_a, points_b = f.side_a.of(a.control_points), f.side_b.of(b.control_points)
+    points_b = points_b[::-1] if f.reversed else points_b
+    kept = [0, -1] if ends_only else slice(None)
+    return float(np.abs(points_a[kept] - points_b[kept]).max())
+
+
+def _other_knots(f: Interface, a: Patch, b: Patch) -> str | None:
+    """How degrees or knots of two sides differ."""
     axis_a, axis_b = f.side_a.axis, f.side_b.axis
     knots_b = reverse_knots(b.knots[axis_b]) if f.reversed else b.knots[axis_b]
     knots_a, length = a.knots[axis_a], np.ptp(a.knots[axis_a])
+    if a.degrees[axis_a] != b.degrees[axis_b] or len(knots_a) != len(knots_b):
+        return _differences(a, b, axis_a, axis_b)
+    if np.abs((knots_a - knots_a[0]) / length - (knots_b - knots_b[0]) / np.ptp(knots_b)).max() > SAME_KNOT:
+        return _differences(a, b, axis_a, axis_b)
+    return None
+
+
+def _differences(a: Patch, b: Patch, axis_a: int, axis_b: int) -> str:
     p, q = a.degrees[axis_a], b.degrees[axis_b]
     if p != q:
         return f"degrees differ: {p} and {q}"
-    if len(knots_a) == len(knots_b):
-        apart = np.abs((knots_a - knots_a[0]) / length - (knots_b - knots_b[0]) / np.ptp(knots_b)).max()
-        if apart <= SAME_KNOT:
-            return ""
-    m, n = (len(knot_spans(knots)) - 1 for knots in (knots_a, knots_b))
+    m, n = (len(knot_spans(patch.knots[axis])) - 1 for patch, axis in ((a, axis_a), (b, axis_b)))
     return f"knots differ: {m} and {n} spans" + (", but not the same ones" if m == n else "")
 
 

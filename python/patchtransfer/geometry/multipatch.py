@@ -9,14 +9,18 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from .._core import Locator
 from ..errors import InputError
-from ..numeric.arrays import FloatArray, frozen_array
+from ..numeric.arrays import FloatArray, IntArray, frozen_array
 from . import display, exchange
 from .blocks import Block
 from .boundary import Boundary
 from .conforming import Conforming, conforming
 from .interfaces import check_interfaces, infer_interfaces
+from .labels import Labels, checked
+from .location import locate
 from .packing import PackedPatches, pack_patches, unpack_patches
 from .patch import Patch
 from .sides import Interface, Side
@@ -40,6 +44,7 @@ class MultiPatch:
     Parameters
     ----------
     patches : sequence of Patch
+        Weights that are all equal on a patch are left out: it is polynomial.
     interfaces : sequence of Interface, optional
         None (the default) infers them from coinciding side control points.
     ids : sequence of int, optional
@@ -58,7 +63,7 @@ class MultiPatch:
 
     interfaces: tuple[Interface, ...]
     ids: tuple[int, ...]
-    sides: Mapping[str, tuple[tuple[int, Side], ...]]
+    sides: Labels
     blocks: tuple[Block, ...]
 
     def __init__(
@@ -69,7 +74,7 @@ class MultiPatch:
         labels: Mapping[str, Iterable[tuple[int, Side | int]]] | None = None,
         blocks: Iterable[Block] = (),
     ) -> None:
-        patches = tuple(patches)
+        patches = tuple(patch._without_equal_weights() for patch in patches)
         if not patches:
             raise InputError("a multi-patch needs at least one patch")
         ids = tuple(range(len(patches))) if ids is None else tuple(int(i) for i in ids)
@@ -80,7 +85,7 @@ class MultiPatch:
         object.__setattr__(self, "patches", patches)
         object.__setattr__(self, "interfaces", glued)
         object.__setattr__(self, "ids", ids)
-        object.__setattr__(self, "sides", _sides(labels or {}, len(patches)))
+        object.__setattr__(self, "sides", checked(labels or {}, len(patches)))
         object.__setattr__(self, "blocks", tuple(blocks))
 
     def __eq__(self, other: object) -> bool:
@@ -193,12 +198,14 @@ class MultiPatch:
         Parameters
         ----------
         labels : mapping of str to iterables of (patch, side)
-            Patches by their position, 0 is the first. ``{**mp.sides, "inlet": [(0, Side.WEST)]}`` adds one.
+            Patches by their position, 0 is the first; sides as `Side`, number or name ("west").
+            ``{**mp.sides, "inlet": [(0, "west")]}`` adds one.
 
         Raises
         ------
         InputError
-            When a patch or a side does not exist, a side is named twice in a label, or a name is empty.
+            When a patch or a side does not exist, a side is named twice in a label, a name is empty, or something is
+            not a pair.
 
         Examples
         --------
@@ -207,7 +214,7 @@ class MultiPatch:
         >>> mp.sides["jaw"]
         ((0, <Side.WEST: 1>), (3, <Side.NORTH: 4>))
         """
-        moved = self._with(sides=_sides(labels, len(self.patches)))
+        moved = self._with(sides=checked(labels, len(self.patches)))
         moved.__dict__["topology"] = self.topology
         return moved
 
@@ -413,26 +420,45 @@ class MultiPatch:
     def _repr_html_(self) -> str | None:
         return display.as_html(self)
 
+    @cached_property
+    def _locator(self) -> Locator:
+        return Locator([patch.to_core() for patch in self.patches])
 
-def _sides(
-    labels: Mapping[str, Iterable[tuple[int, Side | int]]], patches: int
-) -> Mapping[str, tuple[tuple[int, Side], ...]]:
-    """Labels, checked."""
-    sides = {}
-    for name, where in labels.items():
-        if not isinstance(name, str) or not name.strip():
-            raise InputError(f"a label is a name, not {name!r}")
-        named = []
-        for patch, side in where:
-            if not 0 <= patch < patches:
-                raise InputError(f"label {name!r}: there is no patch {patch}, the patches are 0 to {patches - 1}")
-            if side not in list(Side):
-                raise InputError(f"label {name!r}: side {side!r} of patch {patch} is not one of 1, 2, 3, 4")
-            named.append((int(patch), Side(side)))
-        if len(set(named)) != len(named):
-            raise InputError(f"label {name!r} names a side twice")
-        sides[name] = tuple(named)
-    return MappingProxyType(sides)
+    def locate(self, points: ArrayLike, *, tolerance: float = 1e-12) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Which patch points lie in, and at which parameters: many at once, a million in about a second.
+
+        The model is prepared at the first call, in milliseconds; the result is the same for any number of threads.
+
+        Parameters
+        ----------
+        points : (..., 2) array
+        tolerance : float, default 1e-12
+            A point outside gets the nearest point of the patches' sides if that is at most so far away, relative to
+            :attr:`diameter`. The default is what coordinates of twelve digits miss a boundary by, and the residual that
+            one may rely on; what rounding does to the largest coordinate (1.5e-14 of it) counts as inside in any case.
+
+        Returns
+        -------
+        patch : (...) array of int
+            Number of the patch, the lowest one on interfaces and at vertices; -1 for points that lie in none.
+        u, v : (...) arrays
+            Parameters with ``mp.patches[patch](u, v)`` at the point; NaN where `patch` is -1.
+
+        Raises
+        ------
+        InputError
+            On another shape, a coordinate that is not finite, or a negative tolerance.
+
+        Examples
+        --------
+        >>> square = Patch(([0, 0, 1, 1], [0, 0, 1, 1]), (1, 1), [[[0, 0], [0, 2]], [[2, 0], [2, 2]]])
+        >>> patch, u, v = MultiPatch([square]).locate([[0.5, 1.5], [3.0, 1.0]])
+        >>> patch
+        array([ 0, -1])
+        >>> u, v
+        (array([0.25,  nan]), array([0.75,  nan]))
+        """
+        return locate(self._locator, points, tolerance, self.diameter)
 
 
 def _unpacked(

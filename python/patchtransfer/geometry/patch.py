@@ -12,10 +12,20 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._core import evaluate_tensor
 from ..errors import InputError
-from ..numeric import dense
 from ..numeric.arrays import FloatArray, frozen_array, same_bits
-from .basis import check_knots, check_weights, collocation_matrix, elevate, insert_knots, knot_spans
+from . import display
+from .basis import (
+    check_inside,
+    check_knots,
+    check_order,
+    check_weights,
+    elevate,
+    insert_knots,
+    knot_spans,
+)
+from .rational import quotient_derivative
 
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
@@ -90,10 +100,28 @@ class Patch:
         patch.__dict__.update(knots=knots, degrees=degrees, control_points=control_points, weights=weights)
         return patch
 
+    def _without_equal_weights(self) -> Patch:
+        """The same map, polynomial if all weights are one number."""
+        w = self.weights
+        if w is None or (w != w[0, 0]).any():
+            return self
+        return self._trusted(self.knots, self.degrees, self.control_points, None)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Patch) and same_bits(self, other, ("knots", "control_points", "weights"))
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        (p, q), (m, n) = self.degrees, self.shape
+        kind = "B-spline" if self.weights is None else "NURBS"
+        return f"<Patch: degrees {p} x {q}, {m} x {n} control points, {kind}>"
+
+    @property
+    def domain(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """First and last knot in u, and in v."""
+        u, v = self.knots
+        return (float(u[0]), float(u[-1])), (float(v[0]), float(v[-1]))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -113,31 +141,79 @@ class Patch:
         return self._trusted(self.knots, self.degrees, control_points, self.weights)
 
     def grid(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> FloatArray:
-        """Derivative of order (du, dv), each 0 or 1, on the grid `u` x `v`, shape (len(u), len(v), 2)."""
-        (p, q), (knots_u, knots_v) = self.degrees, self.knots
+        """Derivative of order (du, dv) on the grid `u` x `v`, shape (len(u), len(v), 2)."""
+        return self.derivative(np.atleast_1d(u)[:, None], np.atleast_1d(v), du, dv)
 
-        def tensor(coefficients: FloatArray, a: int, b: int) -> FloatArray:
-            flat = coefficients.reshape(len(coefficients), -1)
-            along_u = dense.product(collocation_matrix(knots_u, p, np.atleast_1d(u), a), flat)
-            along_v = collocation_matrix(knots_v, q, np.atleast_1d(v), b)
-            return dense.product(along_v, along_u.reshape(-1, *coefficients.shape[1:]))
+    def __call__(self, u: ArrayLike, v: ArrayLike) -> FloatArray:
+        """Points at the parameters (u, v), arrays of any shapes that broadcast: their common shape + (2,).
+
+        Raises
+        ------
+        InputError
+            When a parameter is outside the domain; it may be its first or last one, to the bit.
+
+        Examples
+        --------
+        >>> square = Patch(([0, 0, 1, 1], [0, 0, 1, 1]), (1, 1), [[[0, 0], [0, 1]], [[1, 0], [1, 1]]])
+        >>> square(0.25, [0.0, 0.5, 1.0])
+        array([[0.25, 0.  ],
+               [0.25, 0.5 ],
+               [0.25, 1.  ]])
+        """
+        return self.derivative(u, v)
+
+    def derivative(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> FloatArray:
+        """Partial derivative of order `du` in u and `dv` in v at the parameters (u, v), of patches with weights too.
+
+        Parameters
+        ----------
+        u, v : array_like
+            Of any shapes that broadcast.
+        du, dv : int, default 0
+            Orders, 0 or more.
+
+        Returns
+        -------
+        array
+            The common shape of `u` and `v` + (2,). At a knot where the derivative jumps it is that of the span
+            after it, at the end of the domain that of the last span.
+
+        Raises
+        ------
+        InputError
+            When a parameter is outside the domain, an order negative, or the shapes do not broadcast.
+        """
+        try:
+            at_u, at_v = np.broadcast_arrays(np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64))
+        except ValueError as error:
+            raise InputError(f"parameters u and v: {error}") from None
+        for t, along, order, name in zip((at_u, at_v), self.knots, (du, dv), "uv", strict=True):
+            check_inside(t, along, f"patch: parameter {name}")
+            check_order(order, f"d{name}")
+        flat_u, flat_v = np.ascontiguousarray(at_u).ravel(), np.ascontiguousarray(at_v).ravel()
+        knots = (np.ascontiguousarray(self.knots[0]), np.ascontiguousarray(self.knots[1]))
+
+        def values(coefficients: FloatArray, a: int, b: int) -> FloatArray:
+            coefficients = np.ascontiguousarray(coefficients)
+            return evaluate_tensor(knots, self.degrees, coefficients, flat_u, flat_v, a, b)
 
         if self.weights is None:
-            return tensor(self.control_points, du, dv)
-        if du + dv > 1:
-            raise InputError("mixed derivatives are not available for rational patches")
-        w = self.weights[..., None]
-        h = np.concatenate([self.control_points * w, w], axis=2)
-        value = tensor(h, 0, 0)
-        point = value[..., :2] / value[..., 2:]
-        if du + dv == 0:
-            return np.asarray(point)
-        slope = tensor(h, du, dv)
-        return np.asarray((slope[..., :2] - slope[..., 2:] * point) / value[..., 2:])
+            found = values(self.control_points, du, dv)
+        else:
+            h = self._homogeneous()
+            found = quotient_derivative(lambda i, j: values(h, i, j), du, dv)
+        return found.reshape(*at_u.shape, 2)
 
-    def __call__(self, u: float, v: float) -> FloatArray:
-        """Point at the parameters (u, v), shape (2,)."""
-        return np.asarray(self.grid([u], [v])[0, 0])
+    def jacobian(self, u: ArrayLike, v: ArrayLike) -> FloatArray:
+        """Jacobian matrices at the parameters (u, v), their common shape + (2, 2), with the columns B_u and B_v."""
+        return np.stack([self.derivative(u, v, 1, 0), self.derivative(u, v, 0, 1)], axis=-1)
+
+    def _homogeneous(self) -> FloatArray:
+        """Weighted control points and weights (n_u, n_v, 3) of a rational patch."""
+        if self.weights is None:
+            raise InputError("a polynomial patch has no weights")
+        w = self.weights[..., None]
+        return np.concatenate([self.control_points * w, w], axis=2)
 
     def insert_knots(self, axis: int, new: ArrayLike) -> Patch:
         """The same patch with the knots `new` added in direction `axis` (0 for u, 1 for v)."""
@@ -174,9 +250,7 @@ class Patch:
 
     def _along(self, axis: int, operation: Any) -> Patch:
         """Apply a univariate operation on coefficients along one axis."""
-        c = self.control_points
-        if self.weights is not None:
-            c = np.concatenate([c * self.weights[..., None], self.weights[..., None]], axis=2)
+        c = self.control_points if self.weights is None else self._homogeneous()
         knots, moved, degree = operation(self.knots[axis], self.degrees[axis], np.moveaxis(c, axis, 0))
         c = np.moveaxis(moved, 0, axis)
         all_knots, all_degrees = list(self.knots), list(self.degrees)
@@ -201,3 +275,9 @@ class Patch:
     def from_scipy(cls, spline: NdBSpline) -> Self:
         """Take over a clamped bivariate `scipy.interpolate.NdBSpline` with values in the plane."""
         return cls(spline.t, spline.k, spline.c)
+
+    def _repr_png_(self) -> bytes | None:
+        return display.as_png(self)
+
+    def _repr_html_(self) -> str | None:
+        return display.as_html(self)

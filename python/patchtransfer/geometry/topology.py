@@ -113,6 +113,9 @@ class Topology:
         areas = enclosed_areas(patches, self._sides_around_patches, len(patches))
         self.orientation = np.where(areas >= 0, 1, -1)
 
+    def __repr__(self) -> str:
+        return f"<Topology: {len(self.patches)} patches, {len(self.interfaces)} interfaces, {self.n_points} points>"
+
     def moved(self, patches: tuple[Patch, ...]) -> Topology:
         """The topology of patches with the same shapes and interfaces and other control points."""
         return Topology(patches, self.interfaces, self.combinatorics)

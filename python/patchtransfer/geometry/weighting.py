@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
 
 import numpy as np
 
 from ..numeric.arrays import FloatArray
-from ..numeric.components import components
 from .patch import Patch
 from .sides import Interface
 
-__all__ = ["with_common_weights"]
+__all__ = ["along", "unproportional", "with_common_weights"]
 
 #: Weights that differ by this part of themselves are the same but for rounding.
 SAME_WEIGHT = 1e-12
@@ -20,67 +20,52 @@ SAME_WEIGHT = 1e-12
 def with_common_weights(patches: Sequence[Patch], interfaces: Sequence[Interface]) -> tuple[list[Patch], list[str]]:
     """Patches with comparable weights along interfaces, and sentences on what changed.
 
-    Patches with equal weights become polynomial if they are glued to polynomial ones; polynomial patches glued, over
-    others perhaps, to truly rational ones get weights of one; and all weights of a patch are scaled by a factor where
-    those of its neighbour's side are that many times its own.
+    All weights of a patch are scaled by a factor where those of its neighbour's side are that many times its own, but
+    for some digits; polynomial patches count as ones with weights of one. Exact multiples describe the same side and
+    are left as they are.
     """
     patches, notes = list(patches), list[str]()
-    a, b = (np.array(x, np.int64) for x in ([f.patch_a for f in interfaces], [f.patch_b for f in interfaces]))
-    part = components(len(patches), a, b)
-    for number in range(int(part.max()) + 1):
-        members = np.flatnonzero(part == number)
-        rational = [int(k) for k in members if patches[k].weights is not None]
-        if 0 < len(rational) < len(members):
-            notes += _one_kind(patches, rational, members.tolist())
-    notes += _rescaled(patches, interfaces)
-    return patches, notes
-
-
-def _one_kind(patches: list[Patch], rational: list[int], members: list[int]) -> list[str]:
-    """Make a part's patches all polynomial, or all rational."""
-    notes = []
-    for k in rational:
-        weights = patches[k].weights
-        if weights is not None and np.ptp(weights) == 0.0:
-            patches[k] = Patch(patches[k].knots, patches[k].degrees, patches[k].control_points)
-            notes.append(f"patch {k}: its weights are all equal and were left out")
-    if all(patches[k].weights is None for k in members):
-        return notes
-    ones = [k for k in members if patches[k].weights is None]
-    for k in ones:
-        patches[k] = _weighted(patches[k], np.ones(patches[k].shape))
-    named = ", ".join(map(str, ones[:8])) + (", ..." if len(ones) > 8 else "")
-    return [*notes, f"patch{'es' if len(ones) > 1 else ''} {named}: weights of one given, for neighbours are rational"]
-
-
-def _rescaled(patches: list[Patch], interfaces: Sequence[Interface]) -> list[str]:
-    """Scale weights patch by patch, each by the first neighbour reached."""
-    beside: dict[int, list[int]] = {}
-    for i, f in enumerate(interfaces):
-        if patches[f.patch_a].weights is not None and patches[f.patch_b].weights is not None:
-            beside.setdefault(f.patch_a, []).append(i)
-            beside.setdefault(f.patch_b, []).append(i)
-    notes, seen = [], set[int]()
+    beside: dict[int, list[Interface]] = {}
+    for f in interfaces:
+        if unproportional(*along(patches, f)):
+            beside.setdefault(f.patch_a, []).append(f)
+            beside.setdefault(f.patch_b, []).append(f)
+    seen = {k for k in beside if patches[k].weights is None}
+    queue = sorted(seen)
     for first in sorted(beside):
-        queue = [] if first in seen else [first]
-        seen.add(first)
-        for k in queue:
-            for i in beside[k]:
-                f = interfaces[i]
-                own, other = along(patches, f)
-                if k == f.patch_b:
-                    own, other = other, own
+        if first not in seen:
+            seen.add(first)
+            queue.append(first)
+        while queue:
+            k = queue.pop(0)
+            for f in beside[k]:
                 m = f.patch_b if k == f.patch_a else f.patch_a
                 if m in seen:
                     continue
                 seen.add(m)
                 queue.append(m)
-                factor = float((own / other).mean())
-                weights = patches[m].weights
-                if weights is not None and abs(factor - 1) > SAME_WEIGHT:
-                    patches[m] = _weighted(patches[m], weights * factor)
-                    notes.append(f"patch {m}: weights scaled by {factor:.6g}")
-    return notes
+                own, other = along(patches, f) if k == f.patch_a else along(patches, f)[::-1]
+                notes += _scale(patches, m, float((own / other).mean()))
+    return patches, notes
+
+
+def _scale(patches: list[Patch], k: int, factor: float) -> list[str]:
+    patch = patches[k]
+    if patch.weights is None or abs(factor - 1) <= SAME_WEIGHT:
+        return []
+    patches[k] = Patch(patch.knots, patch.degrees, patch.control_points, patch.weights * factor)
+    return [f"patch {k}: weights scaled by {factor:.6g}"]
+
+
+def unproportional(a: FloatArray, b: FloatArray) -> float:
+    """By what part of themselves weights differ that are the same up to a factor; 0 for exact multiples only."""
+    ratio = a / b
+    apart = float(np.abs(ratio / ratio.mean() - 1).max())
+    if apart > SAME_WEIGHT:
+        return apart
+    x, y = Fraction(float(a[0])), Fraction(float(b[0]))
+    exact = all(Fraction(s) * y == Fraction(t) * x for s, t in zip(a.tolist(), b.tolist(), strict=True))
+    return 0.0 if exact else max(apart, float(np.finfo(float).eps))
 
 
 def along(patches: Sequence[Patch], f: Interface) -> tuple[FloatArray, FloatArray]:
@@ -90,7 +75,3 @@ def along(patches: Sequence[Patch], f: Interface) -> tuple[FloatArray, FloatArra
         for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b))
     )
     return first, second[::-1] if f.reversed else second
-
-
-def _weighted(patch: Patch, weights: FloatArray) -> Patch:
-    return Patch(patch.knots, patch.degrees, patch.control_points, weights)

@@ -12,7 +12,7 @@ from .mending import short
 from .patch import Patch
 from .sides import Interface
 from .tolerances import exact
-from .weighting import along
+from .weighting import along, unproportional
 
 __all__ = ["gaps", "welded"]
 
@@ -30,8 +30,7 @@ def gaps(patches: Sequence[Patch], interfaces: Sequence[Interface]) -> list[floa
     for f in interfaces:
         a, b = f.side_a.of(patches[f.patch_a].control_points), f.side_b.of(patches[f.patch_b].control_points)
         gap = float(np.abs(a - (b[::-1] if f.reversed else b)).max())
-        v, w = along(patches, f)
-        part = float(np.abs(v / w - 1).max())
+        part = unproportional(*along(patches, f))
         found.append(max(gap, part * float(np.ptp(a, axis=0).max())) if part <= OTHER_WEIGHTS else np.inf)
     return found
 
@@ -55,11 +54,13 @@ def welded(
     numbers, count = identify([patch.shape for patch in patches], closed)
     flat = np.concatenate([n.ravel() for n in numbers])
     points = _means(np.concatenate([patch.control_points.reshape(-1, 2) for patch in patches]), flat, count)
-    weights = [np.ones(patch.shape) if patch.weights is None else patch.weights for patch in patches]
-    common = _means(np.concatenate([w.reshape(-1, 1) for w in weights]), flat, count)
+    # Exact multiples are one side already; there is no mean of them.
+    alike = [f for f in closed if not _multiples(*along(patches, f))]
+    weight_numbers, weight_count = identify([patch.shape for patch in patches], alike)
+    common = _common_weights(patches, np.concatenate([n.ravel() for n in weight_numbers]), weight_count)
     made, shifts = [], []
-    for patch, n in zip(patches, numbers, strict=True):
-        new = Patch(patch.knots, patch.degrees, points[n], None if patch.weights is None else common[n, 0])
+    for patch, n, w in zip(patches, numbers, weight_numbers, strict=True):
+        new = Patch(patch.knots, patch.degrees, points[n], None if patch.weights is None else common[w])
         shifts.append(_shift(patch, new))
         made.append(patch if new == patch else new)
     notes = [
@@ -71,6 +72,19 @@ def welded(
     if 0.0 < max(shifts) <= rounding:
         notes.append(f"sides that differed by rounding made equal, moved by at most {short(max(shifts))}")
     return made, max(shifts), notes
+
+
+def _common_weights(patches: Sequence[Patch], numbers: IntArray, count: int) -> FloatArray:
+    """A weight for each number: the mean, but one where a polynomial patch has it, which has no other."""
+    every = [np.ones(patch.shape) if patch.weights is None else patch.weights for patch in patches]
+    common = _means(np.concatenate([w.reshape(-1, 1) for w in every]), numbers, count)[:, 0]
+    ones = np.concatenate([np.full(patch.shape, patch.weights is None).ravel() for patch in patches])
+    common[numbers[ones]] = 1.0
+    return np.asarray(common)
+
+
+def _multiples(a: FloatArray, b: FloatArray) -> bool:
+    return unproportional(a, b) == 0.0 and a[0] != b[0]
 
 
 def _shift(before: Patch, after: Patch) -> float:

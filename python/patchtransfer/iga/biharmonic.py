@@ -97,6 +97,10 @@ class BiharmonicResult:
     residual: float
     timings: dict[str, float]
 
+    def __repr__(self) -> str:
+        errors = "" if self.errors is None else f", L2 error {self.errors.l2:.2e}"
+        return f"<BiharmonicResult: {self.dofs} unknowns{errors}, residual {self.residual:.1e}>"
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         e = self.errors

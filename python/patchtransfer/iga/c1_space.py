@@ -111,6 +111,10 @@ class C1Space:
         self._edges = [self._edge(b, columns, vertex) for b, columns in blocks]
         self.inside, self.boundary = self._basis(vertex)
 
+    def __repr__(self) -> str:
+        size = self.inside.shape[1] + self.boundary.shape[1]
+        return f"<C1Space: {size} C¹ fields of {self.space.size} coefficients, {len(self.gluing)} interfaces>"
+
     @cached_property
     def basis(self) -> csc_array:
         """All C¹ fields: `inside` and `boundary` side by side."""

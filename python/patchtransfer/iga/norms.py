@@ -49,6 +49,10 @@ class ErrorNorms:
     exact_l2: float
     exact_max: float
 
+    def __repr__(self) -> str:
+        given = {"L2": self.l2, "H1": self.h1, "H2": self.h2, "largest": self.max}
+        return f"<ErrorNorms: {', '.join(f'{k} {x:.2e}' for k, x in given.items() if x is not None)}>"
+
 
 def error_norms(
     field: Field,

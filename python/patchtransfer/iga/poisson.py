@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isqrt
 from typing import Any
@@ -12,6 +13,7 @@ from scipy.sparse import csc_array
 
 from ..errors import InputError
 from ..geometry.multipatch import MultiPatch
+from ..geometry.sides import Side
 from ..numeric.arrays import FloatArray
 from .nodes import GeometryAt, ScalarFunction, all_nodes, boundary_nodes, geometry_at, sampled, sides_at
 from .norms import ErrorNorms, VectorFunction, error_norms
@@ -25,6 +27,13 @@ MEMORY = 8.0
 #: Bytes an unknown, and for each of its (2p + 1)² matrix entries: peak memory of solutions of 20,000 to a million
 #: unknowns, nodes, factor and error norms included, is 5.4, 6.8, 8.6 and 17 kB an unknown at degrees 1, 2, 3 and 6.
 BYTES, BYTES_AN_ENTRY = 4700, 80
+
+#: Values of a right-hand side: a function, a constant, or None for the default.
+Load = ScalarFunction | float | None
+#: Boundary values: everywhere, or label by label.
+Dirichlet = Load | Mapping[str, ScalarFunction | float]
+#: Boundary values with the defaults put in.
+Values = ScalarFunction | Mapping[str, ScalarFunction | float]
 
 GRADIENT = ((1, 0), (0, 1))
 """Parametric derivatives in the gradient: orders in u and v."""
@@ -71,6 +80,9 @@ class LinearSystem:
     load: FloatArray
     known: FloatArray
 
+    def __repr__(self) -> str:
+        return f"<LinearSystem: {len(self.load)} unknowns, {len(self.values)} matrix entries>"
+
 
 @dataclass(frozen=True, eq=False)
 class PoissonResult:
@@ -96,6 +108,10 @@ class PoissonResult:
     residual: float
     timings: dict[str, float]
     exact: ScalarFunction | None
+
+    def __repr__(self) -> str:
+        errors = "" if self.errors is None else f", L2 error {self.errors.l2:.2e}"
+        return f"<PoissonResult: {self.dofs} unknowns{errors}, residual {self.residual:.1e}>"
 
     @property
     def dofs(self) -> int:
@@ -181,10 +197,22 @@ class PoissonSolver:
         self.assembler = Assembler(self.space, self.nodes)
         self._knots = [patch.knots for patch in mp.patches]
         self._degrees = [patch.degrees for patch in mp.patches]
-        self._system = DefiniteSystem(self.assembler.indptr, self.assembler.indices, self.space.interior)
+        self._systems: dict[tuple[tuple[int, Side], ...], DefiniteSystem] = {}
+        self._unknowns_off(tuple(sorted(self.space.boundaries)))
         self.setup_seconds = time.perf_counter() - begin
 
-    def system(self, mp: MultiPatch, f: ScalarFunction | None = None, g: ScalarFunction | None = None) -> LinearSystem:
+    def __repr__(self) -> str:
+        return f"<PoissonSolver: {self.space.size} unknowns on {len(self.space.bases)} patches>"
+
+    def _unknowns_off(self, sides: tuple[tuple[int, Side], ...]) -> DefiniteSystem:
+        """The solver of the unknowns that vanish on these sides, analysed once."""
+        if sides not in self._systems:
+            known = np.concatenate([s.of(self.space.points[k]) for k, s in sides] or [np.empty(0, int)])
+            free = np.setdiff1d(np.arange(self.space.size), known).astype(np.int64)
+            self._systems[sides] = DefiniteSystem(self.assembler.indptr, self.assembler.indices, free)
+        return self._systems[sides]
+
+    def system(self, mp: MultiPatch, f: Load = None, g: Dirichlet = None) -> LinearSystem:
         """Stiffness, load and boundary values on a model.
 
         Parameters
@@ -196,13 +224,15 @@ class PoissonSolver:
         """
         self._check(mp)
         f, g, _, _ = _problem(f, g, None, None)
+        data = dirichlet_data(mp, g)
         maps = geometry_at(mp, self.nodes)
         values = self.assembler.values(GRADIENT, [stiffness(at) for at in maps])
         load = self.space.gather(
             [at.nodes.tested(at.dx * sampled(f, at.x, "right-hand side", f"patch {at.index}")) for at in maps]
         )
-        sides = sides_at(self.space, mp, self._boundary_nodes)
-        return LinearSystem(values, load, boundary_fit(self.space, sides, g))
+        sides = [side for side in sides_at(self.space, mp, self._boundary_nodes) if (side.patch, side.side) in data]
+        known = boundary_fit(self.space, sides, [data[side.patch, side.side] for side in sides])
+        return LinearSystem(values, load, known)
 
     def matrix(self, system: LinearSystem) -> csc_array:
         """Stiffness matrix of all unknowns, both triangles."""
@@ -211,8 +241,8 @@ class PoissonSolver:
     def solve(
         self,
         mp: MultiPatch,
-        f: ScalarFunction | None = None,
-        g: ScalarFunction | None = None,
+        f: Load = None,
+        g: Dirichlet = None,
         exact: ScalarFunction | None = None,
         gradient: VectorFunction | None = None,
     ) -> PoissonResult:
@@ -221,7 +251,8 @@ class PoissonSolver:
         clock = [time.perf_counter()]
         system = self.system(mp, f, g)
         clock.append(time.perf_counter())
-        u, residual = self._system.solve(system.values, system.load, system.known)
+        free = self._unknowns_off(tuple(sorted(dirichlet_data(mp, g))))
+        u, residual = free.solve(system.values, system.load, system.known)
         clock.append(time.perf_counter())
         field = Field(self.space, u)
         errors = None if exact is None else error_norms(field, mp, exact, gradient)
@@ -239,12 +270,48 @@ class PoissonSolver:
                 raise InputError(f"patch {k} has another degree or other knots than the solver's; make a solver for it")
 
 
+def dirichlet_data(
+    mp: MultiPatch, g: ScalarFunction | Mapping[str, ScalarFunction | float]
+) -> dict[tuple[int, Side], ScalarFunction]:
+    """The boundary values of every side that has some.
+
+    Raises
+    ------
+    InputError
+        On a label that the model does not have, one on an interface, a side with two labels, or no side at all.
+    """
+    if not isinstance(g, Mapping):
+        return dict.fromkeys(mp.boundaries, g)
+    boundary, data = set(mp.boundaries), dict[tuple[int, Side], ScalarFunction]()
+    owner: dict[tuple[int, Side], str] = {}
+    for label, value in g.items():
+        if label not in mp.sides:
+            known = ", ".join(map(repr, mp.sides)) or "none"
+            raise InputError(f"Dirichlet data: the model has no label {label!r}; its labels are {known}")
+        for k, side in mp.sides[label]:
+            name = f"Dirichlet data: patch {k} {side.name.lower()} of label {label!r}"
+            if (k, side) not in boundary:
+                raise InputError(f"{name} is glued to another patch; name sides of the boundary")
+            if (k, side) in data:
+                raise InputError(f"{name} has values by label {owner[k, side]!r} already; give it one")
+            data[k, side], owner[k, side] = _function(value), label
+    if not data:
+        raise InputError("Dirichlet data: no side has values, and the solution is not unique; name a label with sides")
+    return data
+
+
+def _function(value: ScalarFunction | float) -> ScalarFunction:
+    return value if callable(value) else lambda x, y: np.full_like(x, value)
+
+
 def _problem(
-    f: ScalarFunction | None,
-    g: ScalarFunction | None,
+    f: Load,
+    g: Dirichlet,
     exact: ScalarFunction | None,
     gradient: VectorFunction | None,
-) -> tuple[ScalarFunction, ScalarFunction, ScalarFunction | None, VectorFunction | None]:
+) -> tuple[
+    ScalarFunction, ScalarFunction | Mapping[str, ScalarFunction | float], ScalarFunction | None, VectorFunction | None
+]:
     """Fill in what is not given: the paper's problem without f, boundary values of the exact solution, or zero."""
     if f is None:
         if exact is not None:
@@ -253,14 +320,14 @@ def _problem(
         if g is None:
             exact, gradient = sine, sine_gradient
     if g is None:
-        g = exact if exact is not None else (lambda x, y: np.zeros_like(x))
-    return f, g, exact, gradient
+        g = exact if exact is not None else 0.0
+    return _function(f), g if isinstance(g, Mapping) else _function(g), exact, gradient
 
 
 def poisson(
     mp: MultiPatch,
-    f: ScalarFunction | None = None,
-    g: ScalarFunction | None = None,
+    f: Load = None,
+    g: Dirichlet = None,
     degree: int | None = None,
     points: int | None = None,
     exact: ScalarFunction | None = None,
@@ -270,16 +337,18 @@ def poisson(
     quadrature: int | None = None,
     memory: float = MEMORY,
 ) -> PoissonResult:
-    """Solve −Δu = f with u = g on the boundary by isogeometric analysis.
+    """Solve −Δu = f with u = g on the boundary, or on the sides of some labels, by isogeometric analysis.
 
     Parameters
     ----------
     mp : MultiPatch
         An injective model, patches of any orientation, polynomial or rational.
-    f : callable, optional
+    f : callable or float, optional
         Right-hand side ``f(x, y)`` of arrays; default 2π² sin(πx) sin(πy), the paper's problem.
-    g : callable, optional
-        Boundary values; default those of `exact`, zero without it.
+    g : callable or float, or mapping of labels to these, optional
+        Boundary values; default those of `exact`, zero without it. Of a mapping, the sides of every label of
+        `mp.sides` that it names have values, and on the others the solution has no flux (∂u/∂n = 0). Where sides with
+        values meet, these should agree.
     degree, points : int, optional
         The field's degree and control points per patch and direction; default the geometry's own space.
     exact : callable, optional
@@ -301,7 +370,8 @@ def poisson(
     ------
     InputError
         When the model is folded, when a callable raises or returns NaN or another shape (the message names patch and
-        side), on a degree or number of points that does not exist, or too many points.
+        side), on a label that the model does not have, on a degree or number of points that does not exist, or too
+        many points.
 
     Examples
     --------
@@ -310,6 +380,15 @@ def poisson(
     >>> result = iga.poisson(source, degree=4, points=12)
     >>> result.dofs, result.errors.max < 2.5e-5
     (793, True)
+
+    A bar that is warm at one end and cold at the other:
+
+    >>> from patchtransfer import MultiPatch, Patch
+    >>> bar = MultiPatch([Patch(([0, 0, 1, 1], [0, 0, 1, 1]), (1, 1), [[[0, 0], [0, 1]], [[4, 0], [4, 1]]])])
+    >>> bar = bar.with_labels({"warm": [(0, "west")], "cold": [(0, "east")]})
+    >>> u = iga.poisson(bar, f=0.0, g={"warm": 20.0, "cold": 0.0}).field
+    >>> float(u.grid(0, [0.25], [0.5])[0, 0])
+    15.0
     """
     solver = PoissonSolver(mp, degree, points, knots=knots, quadrature=quadrature, memory=memory)
     result = solver.solve(mp, f, g, exact, gradient)

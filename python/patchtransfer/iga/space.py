@@ -33,6 +33,9 @@ class Univariate:
     knots: FloatArray
     degree: int
 
+    def __repr__(self) -> str:
+        return f"<Univariate: degree {self.degree}, {self.size} basis functions, {len(self.breaks) - 1} spans>"
+
     @property
     def size(self) -> int:
         """Number of basis functions."""
@@ -261,6 +264,9 @@ class Field:
 
     space: SplineSpace
     coefficients: FloatArray
+
+    def __repr__(self) -> str:
+        return f"<Field: {len(self.coefficients)} coefficients on {len(self.space.bases)} patches>"
 
     def patch(self, k: int) -> FloatArray:
         """Coefficients (n_u, n_v) on patch k."""

@@ -134,15 +134,16 @@ class DefiniteSystem:
         return x, gap / scale if scale > 0 else 0.0
 
 
-def boundary_fit(space: SplineSpace, sides: list[SideNodes], g: ScalarFunction) -> FloatArray:
-    """Coefficients whose trace is the best approximation of g in L² on the boundary, zero inside.
+def boundary_fit(space: SplineSpace, sides: list[SideNodes], data: Sequence[ScalarFunction]) -> FloatArray:
+    """Coefficients whose trace is the best approximation in L² of a function a side on these sides, zero elsewhere.
 
     One system for all sides: at the joints of a loop the sides share a coefficient.
     """
+    known = np.unique(np.concatenate([np.empty(0, int), *(s.side.of(space.points[s.patch]).ravel() for s in sides)]))
     number = np.full(space.size, -1)
-    number[space.boundary] = np.arange(len(space.boundary))
-    rows, columns, entries, load = [], [], [], np.zeros(len(space.boundary))
-    for s in sides:
+    number[known] = np.arange(len(known))
+    rows, columns, entries, load = [], [], [], np.zeros(len(known))
+    for s, g in zip(sides, data, strict=True):
         basis = s.nodes.field[s.side.axis][0]
         along = number[s.side.of(space.points[s.patch])]
         mass = product(basis.T, s.ds[:, None] * basis)
@@ -159,5 +160,5 @@ def boundary_fit(space: SplineSpace, sides: list[SideNodes], g: ScalarFunction) 
         upper.data, load, np.zeros(len(load))
     )
     out = np.zeros(space.size)
-    out[space.boundary] = x
+    out[known] = x
     return out

@@ -74,6 +74,9 @@ class ActiveRows:
     contradictory: tuple[tuple[int, int], ...] = ()
     collapsed: int = 0
 
+    def __repr__(self) -> str:
+        return f"<ActiveRows: {self.active} active, residual {self.residual:.1e}, {self.left_out} left out>"
+
     def moved(self, centre: FloatArray, diameter: float) -> ActiveRows:
         """The same of a map moved by `centre`; the residual is not measured there, rounding of coordinates is added."""
         rounding = float(np.spacing(np.abs(centre).max())) / diameter

@@ -1,18 +1,6 @@
 """Stage 0, input and output: files to `MultiPatch` and `Boundary`, and back.
 
-===============  ==========  =======================================  ==============================
-format           extensions  holds                                    reads / writes
-===============  ==========  =======================================  ==============================
-G+Smo XML        .xml        patches, boundary curves                 multi-patch, boundary / both
-GeoPDEs          .txt        patches, named boundaries                multi-patch, boundary / multi-patch
-MFEM NURBS mesh  .mesh       patches, boundary attributes             multi-patch, boundary / multi-patch
-npz              .npz        arrays of NumPy, everything of a model   multi-patch, boundary / both
-splinepy JSON    .json       patches, boundary curves                 multi-patch, boundary / multi-patch
-CSV              .csv, .txt  points of closed outlines, landmarks     boundary, landmarks / –
-SVG              .svg        closed paths and shapes                  boundary / –
-VTU              .vtu        Bézier quadrilaterals                    – / multi-patch
-===============  ==========  =======================================  ==============================
-
+===============  ====================  =======================================  =======================
 A format is one entry of `FORMATS` (`formats`); its functions take and return the contents of files, and raise
 `InputError` without the path, which is added here.
 """
@@ -111,9 +99,10 @@ def read_boundary(
     ----------
     path : path
         G+Smo XML (a ``PlanarDomain``, loose curves in any order and sense, or patches, whose boundary is
-        taken), SVG (every closed path is a loop; y is flipped, so that pictures are upright) or CSV (lines
-        ``x,y``, one closed outline per block, blocks separated by blank lines; interpolated by cubic
-        splines between corners).
+        taken), SVG (every closed path is a loop; y is flipped, so that pictures are upright), DXF (what is drawn in
+        model space), Rhino's 3dm (curves), GeoJSON (a polygon), an airfoil's points, an image (PNG, TIFF, BMP) of the
+        region or CSV (lines ``x,y``, one closed outline per block, blocks separated by blank lines; interpolated by
+        cubic splines between corners).
     clean : bool, default True
         Mend what is plainly a slip: slivers, repeated points, tiny gaps. Every change is one of the boundary's
         ``notes``.
@@ -121,7 +110,8 @@ def read_boundary(
         Whether points are samples of smooth curves (True) or corners of a polygon (False); None (the default) decides
         by all turns together and tells in a note.
     layers : sequence of str, optional
-        Layers of a drawing to read; None (the default) takes all that are visible.
+        Layers of a drawing to read, or the name or number of a GeoJSON polygon; None (the default) takes all that are
+        visible.
 
     Returns
     -------
@@ -139,6 +129,8 @@ def read_boundary(
         found = _format_of(path, data)
         if found.read_boundary is None:
             raise InputError(f"a {found.name} file holds no boundary; {found.hint}")
+        if layers is not None and not found.layers:
+            raise InputError(f"a {found.name} file has no layers; leave out --layer (layers=)")
         return found.read_boundary(data, BoundaryOptions(clean, smooth, None if layers is None else tuple(layers)))
 
 

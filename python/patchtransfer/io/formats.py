@@ -8,7 +8,22 @@ from dataclasses import dataclass
 
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
-from . import geopdes, gismo, layout_json, mfem, npz, points, splinepy_json, svg, vtu
+from . import (
+    airfoil,
+    dxf,
+    geojson,
+    geopdes,
+    gismo,
+    layout_json,
+    mask,
+    mfem,
+    npz,
+    points,
+    rhino,
+    splinepy_json,
+    svg,
+    vtu,
+)
 from .options import BoundaryOptions
 
 __all__ = ["FORMATS", "BoundaryOptions", "Format"]
@@ -22,7 +37,8 @@ class Format:
     """A file format: how to recognise it and what it can hold; None where it cannot.
 
     `holds` says what a model keeps when it is written: of "weights", "interfaces", "ids", "labels", "blocks" (those of
-    this format) and "all blocks". `hint` says what to do with a file that holds neither patches nor a boundary.
+    this format) and "all blocks". `hint` says what to do with a file that holds neither patches nor a boundary, and
+    `layers` whether a boundary's layers can be chosen.
     """
 
     name: str
@@ -34,6 +50,7 @@ class Format:
     write_boundary: Callable[[Boundary], str | bytes] | None = None
     holds: frozenset[str] = frozenset()
     hint: str = ""
+    layers: bool = False
 
 
 def _first_tag(data: bytes) -> bytes:
@@ -81,7 +98,16 @@ FORMATS = (
         layout_json.looks_like_a_layout,
         hint="the command build makes patches of it",
     ),
-    Format("SVG", (".svg",), lambda data: _first_tag(data) == b"svg", read_boundary=svg.read_boundary),
+    Format("SVG", (".svg",), lambda data: _first_tag(data) == b"svg", read_boundary=svg.read_boundary, layers=True),
+    Format("DXF", (".dxf",), dxf.looks_like_dxf, read_boundary=dxf.read_boundary, layers=True),
+    Format("Rhino 3dm", (".3dm",), rhino.looks_like_rhino, read_boundary=rhino.read_boundary, layers=True),
+    Format(
+        "GeoJSON", (".geojson", ".json"), geojson.looks_like_geojson, read_boundary=geojson.read_boundary, layers=True
+    ),
+    Format(
+        "PNG, TIFF or BMP", (".png", ".tif", ".tiff", ".bmp"), mask.looks_like_image, read_boundary=mask.read_boundary
+    ),
+    Format("airfoil (.dat)", (".dat",), airfoil.looks_like_airfoil, read_boundary=airfoil.read_boundary),
     Format(
         "CSV",
         (".csv", ".txt"),
@@ -111,7 +137,7 @@ FORMATS = (
         (".vtu",),
         lambda data: _first_tag(data) == b"VTKFile",
         write=vtu.format_multipatch,
-        holds=MODEL - {"labels"},
+        holds=MODEL,
         hint="it is written for ParaView, and not read",
     ),
 )

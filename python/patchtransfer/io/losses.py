@@ -28,10 +28,10 @@ def _lost(mp: MultiPatch, format_: Format) -> Iterator[str]:
     if "labels" not in holds and mp.sides:
         yield f"labels of sides ({_listed(list(mp.sides))})"
     for origin in sorted({block.format for block in mp.blocks}):
-        kinds = [block.kind for block in mp.blocks if block.format == origin and block.kind != "comment"]
-        # Comments are not worth a word.
-        if kinds and "all blocks" not in holds and not ("blocks" in holds and origin == format_.name):
-            yield f"{_listed(list(dict.fromkeys(kinds)))} of {origin}"
+        # Comments and heads of elements are not worth a word.
+        found = [b for b in mp.blocks if b.format == origin and b.kind != "comment" and not b.kind.endswith("head")]
+        if found and "all blocks" not in holds and not ("blocks" in holds and origin == format_.name):
+            yield f"{_listed(list(dict.fromkeys(block.name for block in found)))} of {origin}"
     if "ids" not in holds and mp.ids != tuple(range(len(mp))):
         yield "ids of patches: they are numbered from 0"
     if "interfaces" not in holds and _sides(infer_interfaces(mp.patches)) != _sides(mp.interfaces):

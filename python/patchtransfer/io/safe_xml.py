@@ -10,7 +10,7 @@ from defusedxml.ElementTree import fromstring
 from ..errors import InputError
 from ..limits import MAX_TAGS, at_most
 
-__all__ = ["local_name", "parse_xml"]
+__all__ = ["local_name", "parse_xml", "quoted"]
 
 
 def parse_xml(data: bytes) -> Element:
@@ -35,3 +35,11 @@ def parse_xml(data: bytes) -> Element:
 def local_name(element: Element) -> str:
     """Tag without its namespace."""
     return element.tag.rpartition("}")[2]
+
+
+def quoted(value: str) -> str:
+    """An attribute's value in quotes."""
+    # Loads the standard library's network code, which only writing should have to wait for.
+    from xml.sax.saxutils import quoteattr
+
+    return quoteattr(value)

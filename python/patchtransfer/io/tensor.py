@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import InputError
+from ..geometry.basis import weights_agree
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
@@ -15,17 +16,7 @@ from ..numeric.arrays import FloatArray
 from .loops import close_loop
 from .text import LARGEST
 
-__all__ = ["boundary_of", "check_sizes", "exchanged", "homogeneous", "patch_of", "polynomial_if_equal"]
-
-#: Weights that differ by this many units of roundoff are equal: a patch that was refined in homogeneous coordinates.
-#: Its points move by no more than that.
-EQUAL_ULPS = 4.0
-
-
-def polynomial_if_equal(weights: FloatArray) -> FloatArray | None:
-    """None if all weights are equal up to rounding, for then they do nothing; else the weights."""
-    largest = float(weights.max())
-    return None if largest - float(weights.min()) <= EQUAL_ULPS * np.finfo(float).eps * largest else weights
+__all__ = ["boundary_of", "check_sizes", "exchanged", "homogeneous", "patch_of"]
 
 
 def check_sizes(degrees: Sequence[int], counts: Sequence[int], before: int, where: str) -> int:
@@ -79,7 +70,7 @@ def patch_of(
         if not (np.abs(points) <= LARGEST).all():
             raise InputError(f"{where}: a coordinate divided by its weight is above 1e150; correct them")
     try:
-        return Patch(knots, degrees, points, polynomial_if_equal(weights))
+        return Patch(knots, degrees, points, None if weights_agree(weights) else weights)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
 

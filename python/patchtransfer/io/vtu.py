@@ -21,9 +21,11 @@ from ..errors import InputError
 from ..files import write_atomic
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
+from ..geometry.sides import Side
 from ..measure.quality import sample
 from ..numeric.arrays import FloatArray
 from ..numeric.dense import least_squares, product
+from .safe_xml import quoted
 
 __all__ = ["bezier_pieces", "format_multipatch", "format_series", "write_fields"]
 
@@ -45,12 +47,17 @@ def format_multipatch(mp: MultiPatch, fields: Mapping[str, Sequence[ArrayLike]] 
     -------
     str
         With the point data "scaled_jacobian" (of every span the polynomial of the patch's degrees through uniform
-        samples; 0 where it is not defined) and the cell data "patch" (the ids of the file read).
+        samples; 0 where it is not defined), "label <name>" for every label (1 on its sides, 0 elsewhere), and the cell
+        data "patch" (the ids of the file read).
     """
     given = {name: _coefficients(mp, name, arrays) for name, arrays in (fields or {}).items()}
     if "scaled_jacobian" in given:
         raise InputError('a field cannot be called "scaled_jacobian": that is written already')
     scaled = _scaled_jacobians(mp)
+    labels = {f"label {name}": set(sides) for name, sides in mp.sides.items()}
+    if clash := [name for name in labels if name in given]:
+        raise InputError(f"a field cannot be called {clash[0]!r}: that is the array of a label")
+    marks: dict[str, list[NDArray[np.uint8]]] = {name: [] for name in labels}
     points: list[FloatArray] = []
     weights: list[FloatArray] = []
     data: dict[str, list[FloatArray]] = {name: [] for name in ("scaled_jacobian", *given)}
@@ -72,6 +79,9 @@ def format_multipatch(mp: MultiPatch, fields: Mapping[str, Sequence[ArrayLike]] 
             start += width
         jacobians = _as_coefficients(scaled[k], patch, pieces[..., -1])
         data["scaled_jacobian"].append(jacobians.reshape(-1, order.size)[:, order].reshape(-1, 1))
+        for name, named in labels.items():
+            on = _on_sides(pieces.shape[:4], [side for j, side in named if j == k])
+            marks[name].append(on.reshape(-1, order.size)[:, order].ravel())
         m = len(flat) // order.size
         degrees += [patch.degrees[::-1] if swap else patch.degrees] * m
         owner += [mp.ids[k]] * m
@@ -80,7 +90,7 @@ def format_multipatch(mp: MultiPatch, fields: Mapping[str, Sequence[ArrayLike]] 
         np.concatenate(weights) if mp.is_rational else None,
         np.array(degrees, np.int64),
         np.array(owner, np.int64),
-        {name: np.concatenate(parts) for name, parts in data.items()},
+        {name: np.concatenate(parts) for name, parts in (data | marks).items()},
     )
 
 
@@ -98,7 +108,7 @@ def format_series(files: Sequence[str], times: Sequence[float] | None = None) ->
     """Contents of a .pvd file that names .vtu files (relative to it) and their times, by default 0 to 1."""
     when = np.linspace(0, 1, len(files)).tolist() if times is None else times
     rows = "".join(
-        f'    <DataSet timestep="{float(t)!r}" group="" part="0" file={_quoted(name)}/>\n'
+        f'    <DataSet timestep="{float(t)!r}" group="" part="0" file={quoted(name)}/>\n'
         for t, name in zip(when, files, strict=True)
     )
     return (
@@ -126,6 +136,18 @@ def _extraction(knot_bytes: bytes, degree: int) -> FloatArray:
     units = np.eye(n, 3 * -(-n // 3))
     columns = [bezier_extract(knots, degree, units[:, k : k + 3].copy()) for k in range(0, n, 3)]
     return np.asarray(np.concatenate(columns, axis=2)[:, :, :n])
+
+
+def _on_sides(shape: tuple[int, ...], sides: Sequence[Side]) -> NDArray[np.uint8]:
+    """Ones at the Bézier points (m_u, m_v, p + 1, q + 1) on some sides of a patch."""
+    on = np.zeros(shape, np.uint8)
+    for side in sides:
+        cells, rows = (-1, -1) if side.at_end else (0, 0)
+        if side.axis == 1:
+            on[cells, :, rows, :] = 1
+        else:
+            on[:, cells, :, rows] = 1
+    return on
 
 
 def _coefficients(mp: MultiPatch, name: str, arrays: Sequence[ArrayLike]) -> list[FloatArray]:
@@ -190,7 +212,7 @@ def _document(
     weights: FloatArray | None,
     degrees: NDArray[np.int64],
     owner: NDArray[np.int64],
-    data: Mapping[str, FloatArray],
+    data: Mapping[str, NDArray[np.generic]],
 ) -> str:
     count = (degrees + 1).prod(axis=1)
     m, n = len(degrees), len(points)
@@ -233,11 +255,4 @@ def _array(name: str, values: NDArray[np.generic]) -> str:
     width = "" if values.ndim == 1 else f' NumberOfComponents="{values.shape[1]}"'
     text = base64.b64encode(payload).decode("ascii")
     kind = TYPES[values.dtype.kind]
-    return f'        <DataArray type="{kind}" Name={_quoted(name)}{width} format="binary">{text}</DataArray>\n'
-
-
-def _quoted(name: str) -> str:
-    # Loads the standard library's network code, which only writing should have to wait for.
-    from xml.sax.saxutils import quoteattr
-
-    return quoteattr(name)
+    return f'        <DataArray type="{kind}" Name={quoted(name)}{width} format="binary">{text}</DataArray>\n'

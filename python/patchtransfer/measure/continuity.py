@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from statistics import median
 from typing import Any, NamedTuple
@@ -151,11 +151,16 @@ class ContinuityReport:
     c1_residual_all: float
     kink_deg: Kink
     as_g1_residual: float
-    # A line an interface would bury the summary.
-    vertices: tuple[VertexContinuity, ...] = field(repr=False)
-    _interfaces: tuple[Interface, ...] = field(repr=False)
+    vertices: tuple[VertexContinuity, ...]
+    _interfaces: tuple[Interface, ...]
     # Numbers of every interface in the order of `InterfaceContinuity`, the kink as mean, maximum and t.
-    _table: FloatArray = field(repr=False)
+    _table: FloatArray
+
+    def __repr__(self) -> str:
+        return (
+            f"<ContinuityReport: {len(self._interfaces)} interfaces, gap {self.c0_gap:.1e}, C1 residual "
+            f"{self.c1_residual:.1e}, AS-G1 residual {self.as_g1_residual:.1e}, kinks up to {self.kink_deg.max:.1f}°>"
+        )
 
     @cached_property
     def interfaces(self) -> tuple[InterfaceContinuity, ...]:

@@ -57,6 +57,13 @@ class Quality:
     n_samples: int
     worst: tuple[int, float, float]
 
+    def __repr__(self) -> str:
+        jacobian, condition = self.scaled_jacobian, self.condition_number
+        return (
+            f"<Quality: scaled Jacobian {jacobian.min:.3f} / {jacobian.mean:.3f}, condition number "
+            f"{condition.mean:.3g} / {condition.max:.3g}, {self.nonpositive} of {self.n_samples} samples folded>"
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON (infinity as None)."""
         patch, u, v = self.worst

@@ -53,6 +53,9 @@ class DeformResult:
     moved: NDArray[np.int64]
     log: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        return f"<DeformResult: {self.certificate.status}, {len(self.moved)} boundary control points moved>"
+
 
 class Deformer:
     """A multi-patch prepared for dragging: all work that does not depend on the handles is done once.
@@ -77,6 +80,9 @@ class Deformer:
         self._coordinates = mp.topology.coordinates
         boundary = self._coordinates[mp.topology.boundary_points]
         self._diameter = float(np.linalg.norm(np.ptp(boundary, axis=0)))
+
+    def __repr__(self) -> str:
+        return f"<Deformer: {len(self.multipatch.patches)} patches, {len(self._loops)} boundary loops>"
 
     def deform(self, handles: ArrayLike, *, radius: float | None = None, on_failure: str = "raise") -> DeformResult:
         """Move boundary points of the original model; every call starts from it anew.

@@ -51,6 +51,9 @@ class MorphFrame:
     certificate: Certificate
     way: str
 
+    def __repr__(self) -> str:
+        return f"<MorphFrame: t = {self.t:g}, {self.way}, {self.certificate.status}>"
+
     def to_dict(self) -> dict[str, Any]:
         """Everything but the geometry, ready for JSON."""
         return {"t": self.t, "way": self.way, "certificate": self.certificate.to_dict()}

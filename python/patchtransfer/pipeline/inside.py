@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fitting.fit import FittedBoundary, fit_boundary
+from ..geometry.multipatch import MultiPatch
 from ..interior.solver import InteriorMap, InteriorSolver
 from ..measure.continuity import check_continuity
 from ..measure.quality import quality
@@ -21,6 +22,9 @@ from .sliding import SlideReport, slide_joints
 from .source_boundary import SourceBoundary
 
 __all__ = ["measure", "slide", "solve"]
+
+#: A model whose control points move by less than this part of its diameter stays where it is.
+STILL = 1e-9
 
 
 def slide(
@@ -92,6 +96,7 @@ def measure(
     with run.clock("quality"):
         multipatch = interior.model(found.points)
         metrics = quality(multipatch, exclude=posed.degenerate)
+    warnings += _functions_of_the_source(interior.source, multipatch)
     with run.clock("continuity report"):
         continuity = check_continuity(multipatch)
     return TransferResult(
@@ -113,6 +118,18 @@ def measure(
         sliding=sliding,
         stopped=stopped,
     )
+
+
+def _functions_of_the_source(source: MultiPatch, moved: MultiPatch) -> list[str]:
+    """A note on what the source's file says of places, where these have moved."""
+    named = [block.name for block in source.blocks if block.of_place]
+    if not named:
+        return []
+    pairs = zip(source.patches, moved.patches, strict=True)
+    way = max(float(np.abs(a.control_points - b.control_points).max()) for a, b in pairs)
+    if way <= STILL * source.diameter:
+        return []
+    return [f"{', '.join(named)}: kept as written for the source; functions of x and y now mean other places on it"]
 
 
 def _lost_continuity(found: InteriorMap, interior: InteriorSolver, run: Run) -> list[str]:

@@ -64,6 +64,11 @@ class Options:
         if self.method == "paper" and self.fixed_correspondence is not None and not self.fixed_correspondence:
             raise InputError('joints slide with method="certified" only; leave fixed_correspondence out')
 
+    def __repr__(self) -> str:
+        # What is not a default says what a run was about.
+        given = [f.name for f in fields(self) if getattr(self, f.name) != f.default]
+        return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!r}' for name in given)})"
+
     def with_landmarks(self, given: bool) -> Self:
         """The options with their default for joints decided: fixed where landmarks place them, or by the paper."""
         if self.fixed_correspondence is not None:

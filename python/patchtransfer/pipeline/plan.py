@@ -132,6 +132,9 @@ class TransferPlan:
         self._boundary = SourceBoundary(self._welded.boundary().loops, topology)
         self._interior = InteriorSolver(source, continuity, reference)
 
+    def __repr__(self) -> str:
+        return f"<TransferPlan: {len(self.source.patches)} patches, continuity {self.continuity}>"
+
     def transfer(
         self,
         target: Boundary,

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..errors import TransferError
 from ..fitting.fit import FittedBoundary
+from ..geometry.labels import plain
 from ..geometry.multipatch import MultiPatch
 from ..interior.under_rows import ActiveRows
 from ..measure.continuity import ContinuityReport
@@ -105,6 +106,7 @@ class TransferResult:
                 "landmarks": self.registration.landmarks.tolist(),
                 "runner_up": self.registration.runner_up and self.registration.runner_up.to_dict(),
             },
+            "labels": plain(self.multipatch.sides),
             "method": self.method,
             "log": list(self.log),
             "paper_history": None if self.paper_history is None else self.paper_history.to_dict(),

@@ -25,6 +25,7 @@ from ..geometry.basis import knot_spans
 from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..geometry.multipatch import MultiPatch
+from ..geometry.patch import Patch
 from ..measure.quality import sample
 from ..numeric.arrays import FloatArray
 from .continuity import slope_difference
@@ -239,34 +240,61 @@ def savefig(figure: Figure, path: str | os.PathLike[str], dpi: int = 200) -> Non
     write_atomic(target, _rendered(figure, target.suffix.lower().removeprefix("."), dpi))
 
 
-def png(mp: MultiPatch, dpi: int = 110) -> bytes:
-    """PNG image of :func:`multipatch`, for notebooks."""
-    return _rendered(multipatch(mp), "png", dpi)
+def png(shown: MultiPatch | Patch | Boundary, dpi: int = 110) -> bytes:
+    """PNG image of :func:`multipatch` or :func:`boundary`, for notebooks."""
+    return _rendered(_picture(shown), "png", dpi)
 
 
-def html(mp: MultiPatch) -> str:
-    """HTML table of a multi-patch with its picture, for notebooks."""
-    degrees = sorted({patch.degrees for patch in mp.patches})
-    rows = {
-        "patches": len(mp.patches),
-        "degrees": ", ".join(f"{p} × {q}" for p, q in degrees),
-        "control points": mp.topology.n_points,
-        "interfaces": len(mp.interfaces),
-        "holes": len(mp.loops) - 1,
-        "extraordinary vertices": sum(vertex.extraordinary for vertex in mp.vertices),
-    }
+def html(shown: MultiPatch | Patch | Boundary) -> str:
+    """HTML table of a multi-patch, a patch or a boundary with its picture, for notebooks."""
     cells = "".join(
         f'<tr><th style="text-align:left">{markup.escape(name)}</th>'
         f'<td style="text-align:right">{markup.escape(str(value))}</td></tr>'
-        for name, value in rows.items()
+        for name, value in _facts(shown).items()
     )
-    picture = base64.b64encode(png(mp)).decode("ascii")
+    picture = base64.b64encode(png(shown)).decode("ascii")
+    what = "curves" if isinstance(shown, Boundary) else "iso-parametric lines coloured by scaled Jacobian"
     return (
         '<div style="display:flex;align-items:center;gap:1.5em">'
-        f"<table><caption>MultiPatch</caption>{cells}</table>"
-        f'<img alt="iso-parametric lines coloured by scaled Jacobian" style="max-width:560px" '
+        f"<table><caption>{type(shown).__name__}</caption>{cells}</table>"
+        f'<img alt="{what}" style="max-width:560px" '
         f'src="data:image/png;base64,{picture}"></div>'
     )
+
+
+def _picture(shown: MultiPatch | Patch | Boundary) -> Figure:
+    if isinstance(shown, Boundary):
+        return boundary(shown)
+    # A patch alone may fold anywhere; it is drawn as it is, glued to nothing.
+    return multipatch(MultiPatch([shown], []) if isinstance(shown, Patch) else shown)
+
+
+def _facts(shown: MultiPatch | Patch | Boundary) -> dict[str, object]:
+    """What the table in a notebook says, by name."""
+    if isinstance(shown, Boundary):
+        curves = [curve for loop in shown.loops for curve in loop]
+        return {
+            "loops": len(shown.loops),
+            "curves": len(curves),
+            "degrees": ", ".join(str(p) for p in sorted({curve.degree for curve in curves})),
+            "control points": sum(len(curve.control_points) for curve in curves),
+            "diameter": f"{shown.diameter:.4g}",
+        }
+    if isinstance(shown, Patch):
+        return {
+            "degrees": "{} × {}".format(*shown.degrees),
+            "control points": "{} × {}".format(*shown.shape),
+            "weights": "no" if shown.weights is None else "yes",
+        }
+    degrees = sorted({patch.degrees for patch in shown.patches})
+    return {
+        "patches": len(shown.patches),
+        "degrees": ", ".join(f"{p} × {q}" for p, q in degrees),
+        "control points": shown.topology.n_points,
+        "interfaces": len(shown.interfaces),
+        "holes": len(shown.loops) - 1,
+        "extraordinary vertices": sum(vertex.extraordinary for vertex in shown.vertices),
+    }
 
 
 def _rendered(figure: Figure, kind: str, dpi: int) -> bytes:

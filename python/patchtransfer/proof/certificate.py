@@ -25,8 +25,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from .._core import MAX_DEGREE, certify_loops, certify_patches
 from ..errors import InputError
 from ..geometry.curve import BSplineCurve
@@ -82,6 +80,10 @@ class Cell:
     value: float
     within_rounding: bool = False
 
+    def __repr__(self) -> str:
+        u, v = self.point
+        return f"<Cell: patch {self.patch}, {self.kind} at ({u:.6g}, {v:.6g}), det J = {self.value:.3g} of its mean>"
+
     @property
     def corner(self) -> int:
         """Which corner of the cell `point` is, numbered like a patch's: (0,0), (1,0), (0,1), (1,1)."""
@@ -107,6 +109,10 @@ class Meeting:
     a: tuple[int, int, float]
     b: tuple[int, int, float]
     point: tuple[float, float]
+
+    def __repr__(self) -> str:
+        (k, i, _), (m, j, _), (x, y) = self.a, self.b, self.point
+        return f"<Meeting: {self.kind}, loop {k} curve {i} and loop {m} curve {j} at ({x:.6g}, {y:.6g})>"
 
     def __str__(self) -> str:
         x, y = self.point
@@ -145,6 +151,12 @@ class BoundaryReport:
     around: tuple[tuple[int, ...] | None, ...]
     reasons: tuple[str, ...]
     _chains: Chains | None = field(default=None, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        loops, places = len(self.orientation), len(self.crossings)
+        said = {True: "simple", False: "not simple", None: "undecided"}[self.simple]
+        where = f", {places} place{'' if places == 1 else 's'} where it is not" if places else ""
+        return f"<BoundaryReport: {said}, {loops} loop{'' if loops == 1 else 's'}{where}>"
 
     def _is_of(self, chains: Chains) -> bool:
         """Whether it is known to be about these curves, bit by bit."""
@@ -193,6 +205,10 @@ class Certificate:
     notes: tuple[str, ...]
     boundary: BoundaryReport
     subdivisions: int
+
+    def __repr__(self) -> str:
+        cells = f", {len(self.cells)} cell{'' if len(self.cells) == 1 else 's'} without" if self.cells else ""
+        return f"<Certificate: {self.status}, det J >= {self.lower_bound:.3g} of its mean{cells}>"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON: injective, status, lower_bound, cells, reasons."""
@@ -353,26 +369,19 @@ def _patch_reason(cells: Sequence[Cell], patch: Patch) -> str:
 def _gluing(welded: Welded, positive: Sequence[bool]) -> list[tuple[str, str]]:
     """Collect what speaks against the interfaces; `positive` says where det J > 0 is proved."""
     multipatch = welded.multipatch
-    topology, patches = multipatch.topology, multipatch.patches
-    folded_over, findings = topology.folded_over, []
-    sides = zip(multipatch.interfaces, welded.point_gaps, welded.knot_gaps, strict=True)
-    for i, (f, gap, knot_gap) in enumerate(sides):
+    folded_over, findings = multipatch.topology.folded_over, []
+    sides = zip(multipatch.interfaces, welded.point_gaps, welded.weight_gaps, welded.knot_gaps, strict=True)
+    for i, (f, *sizes) in enumerate(sides):
         if i in folded_over:
             kind = "folded" if positive[f.patch_a] and positive[f.patch_b] else "undecided"
             text = "the patches lie on the same side of it, one folds back on the other"
             findings.append((kind, f"interface {f.name}: {text}"))
-        a, b = patches[f.patch_a].weights, patches[f.patch_b].weights
-        weight_gap = 0.0
-        if a is not None and b is not None:
-            along_a, along_b = f.side_a.of(a), f.side_b.of(b)
-            weight_gap = float(np.abs(along_a - (along_b[::-1] if f.reversed else along_b)).max())
-        differing = (("control points", gap), ("weights", weight_gap), ("knots", knot_gap))
+        differing = zip(("control points", "weights", "knots"), sizes, strict=True)
         differences = [f"{what} of the two sides differ by {size:.3g}" for what, size in differing if size != 0.0]
-        if (a is None) != (b is None):
-            differences.append("only one side has weights")
         if differences:
-            text = f"{' and '.join(differences)}; {_mend(patches, f)}"
-            findings.append(("undecided", f"interface {f.name}: {text}"))
+            findings.append(
+                ("undecided", f"interface {f.name}: {' and '.join(differences)}; {_mend(multipatch.patches, f)}")
+            )
     return findings
 
 

@@ -7,6 +7,7 @@ has one number for both.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -37,8 +38,9 @@ class Welded(NamedTuple):
         With common control points.
     patches : sequence of Patch
         Its patches with common knots, in the sense of the patch but not on its own interval.
-    point_gaps, knot_gaps : sequence of float
-        What the two sides still differ by, interface by interface.
+    point_gaps, knot_gaps, weight_gaps : sequence of float
+        What the two sides still differ by, interface by interface; weights relative to their size and up to a common
+        factor, which does not change a curve.
     notes : list of str
         What was made common.
     """
@@ -47,25 +49,29 @@ class Welded(NamedTuple):
     patches: Sequence[Patch]
     point_gaps: Sequence[float]
     knot_gaps: Sequence[float]
+    weight_gaps: Sequence[float]
     notes: list[str]
 
 
 def weld(multipatch: MultiPatch) -> Welded:
-    """Take common control points and knots for the two sides of interfaces that differ by rounding only."""
+    """Take common control points, weights and knots for the two sides of interfaces that differ by rounding only."""
     welded, point_gaps, notes = _weld_points(multipatch)
     common = _common_knots(welded.topology)
+    weights, weight_gaps, weight_notes = _weld_weights(multipatch)
     patches = welded.patches
-    if common.knots is not None:
+    if common.knots is not None or weights is not None:
+        knots = [patch.knots for patch in patches] if common.knots is None else common.knots
+        weights = [patch.weights for patch in patches] if weights is None else weights
         patches = tuple(
-            Patch._trusted(knots, patch.degrees, patch.control_points, patch.weights)
-            for patch, knots in zip(patches, common.knots, strict=True)
+            Patch._trusted(k, patch.degrees, patch.control_points, w)
+            for patch, k, w in zip(patches, knots, weights, strict=True)
         )
-    return Welded(welded, patches, point_gaps, common.gaps, notes + common.notes)
+    return Welded(welded, patches, point_gaps, common.gaps, weight_gaps, notes + weight_notes + common.notes)
 
 
 def _weld_points(multipatch: MultiPatch) -> tuple[MultiPatch, list[float], list[str]]:
     gaps = _point_gaps(multipatch)
-    if multipatch.is_rational or not any(gaps):
+    if not any(gaps):
         return multipatch, gaps, []
     points = multipatch.topology.coordinates
     if max(gaps) > WELD_ULPS * EPS * float(np.abs(points).max()):
@@ -76,6 +82,70 @@ def _weld_points(multipatch: MultiPatch) -> tuple[MultiPatch, list[float], list[
         if gap > 0.0
     ]
     return multipatch.with_shared_points(points), [0.0] * len(gaps), notes
+
+
+def _weld_weights(multipatch: MultiPatch) -> tuple[list[FloatArray | None] | None, list[float], list[str]]:
+    """Weights of all patches with one for all that a control point has, None if all keep theirs; gaps; notes."""
+    gaps = [0.0] * len(multipatch.interfaces)
+    if not multipatch.is_rational:
+        return None, gaps, []
+    sides = [_side_weights(multipatch, i) for i in range(len(gaps))]
+    apart = [float(np.abs(a / b - 1).max()) for a, b in sides]
+    # Sides whose weights are the same up to a factor are the same curve already.
+    found = [i for i, (a, b) in enumerate(sides) if apart[i] > 0.0 and not _proportional(a, b)]
+    for i in found:
+        gaps[i] = apart[i]
+    # Where a factor is not one there is no common mean.
+    if not found or max(apart) > WELD_ULPS * EPS:
+        return None, gaps, []
+    weights = _mean_weights(multipatch)
+    welded = [
+        None if patch.weights is None else _frozen(weights[numbers])
+        for patch, numbers in zip(multipatch.patches, multipatch.topology.points, strict=True)
+    ]
+    notes = [
+        f"interface {multipatch.interfaces[i].name}: the weights of the two sides differ by rounding ({gaps[i]:.2g}); "
+        "the outcome is for their common mean"
+        for i in found
+    ]
+    return welded, [0.0] * len(gaps), notes
+
+
+def _side_weights(multipatch: MultiPatch, i: int) -> tuple[FloatArray, FloatArray]:
+    """Weights along the two sides of an interface in one sense, ones on a polynomial patch."""
+    f = multipatch.interfaces[i]
+    a, b = (
+        np.ones(len(side.of(patch.control_points))) if patch.weights is None else side.of(patch.weights)
+        for patch, side in (
+            (multipatch.patches[f.patch_a], f.side_a),
+            (multipatch.patches[f.patch_b], f.side_b),
+        )
+    )
+    return a, b[::-1] if f.reversed else b
+
+
+def _proportional(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two rows of weights are the same up to a factor, exactly."""
+    x, y = Fraction(float(a[0])), Fraction(float(b[0]))
+    return all(Fraction(s) * y == Fraction(t) * x for s, t in zip(a.tolist(), b.tolist(), strict=True))
+
+
+def _mean_weights(multipatch: MultiPatch) -> FloatArray:
+    """A weight for every shared control point: the mean over its patches; one where a patch is polynomial."""
+    topology, patches = multipatch.topology, multipatch.patches
+    numbers = np.concatenate([n.ravel() for n in topology.points])
+    values = np.concatenate(
+        [(np.ones(patch.shape) if patch.weights is None else patch.weights).ravel() for patch in patches]
+    )
+    ones = np.concatenate([np.full(patch.shape, patch.weights is None).ravel() for patch in patches])
+    count = np.bincount(numbers, minlength=topology.n_points)
+    mean = np.bincount(numbers, values, topology.n_points) / count
+    mean[numbers[ones]] = 1.0
+    # A point of one patch, or of equal weights, keeps its bits.
+    low, high = np.full(topology.n_points, np.inf), np.full(topology.n_points, -np.inf)
+    np.minimum.at(low, numbers, values)
+    np.maximum.at(high, numbers, values)
+    return np.where(low == high, low, mean)
 
 
 def _point_gaps(multipatch: MultiPatch) -> list[float]:

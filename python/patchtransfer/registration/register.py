@@ -113,6 +113,9 @@ class Registration:
     loops: tuple[LoopRegistration, ...]
     warnings: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"<Registration: {len(self.loops)} loops, confidence {self.confidence:.2f}>"
+
     @property
     def joints(self) -> list[tuple[FloatArray, FloatArray]]:
         """Corresponding points (source, target) at all joints of the source's boundary curves."""

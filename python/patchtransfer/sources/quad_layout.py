@@ -71,6 +71,10 @@ class QuadLayout:
         self._set(points, corners, {}, True)
         self._check()
 
+    def __repr__(self) -> str:
+        sides = "straight" if self.straight else "sides to be curved"
+        return f"<QuadLayout: {len(self.quads)} quads, {len(self.vertices)} vertices, {sides}>"
+
     @classmethod
     def abstract(
         cls,

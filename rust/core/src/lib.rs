@@ -6,6 +6,7 @@
 //! |------------------|---------------------------------------------------------------|----------------------------------|
 //! | [`numeric`]      | vector lanes, quadrature, linear algebra, budgets             |                                  |
 //! | [`spline`]       | bases, Bézier extraction, quality, Galerkin matrices          | `numeric`                        |
+//! | [`location`]     | points of the plane found in patches                          | `spline`                         |
 //! | [`outline`]      | closed chains of curves by arc length                         | `numeric`, `spline`              |
 //! | [`distortion`]   | the energy of a 2×2 Jacobian and its derivatives              | `numeric`                        |
 //! | [`proof`]        | injectivity of patches, simple loops                          | `numeric`, `spline`              |
@@ -18,6 +19,7 @@
 pub mod distortion;
 pub mod fitting;
 pub mod layout;
+pub mod location;
 pub mod mesh;
 pub mod numeric;
 pub mod optimizer;

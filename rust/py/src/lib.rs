@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 mod convert;
 mod fitting;
 mod layout;
+mod location;
 mod mesh;
 mod numeric;
 mod optimizer;
@@ -20,6 +21,7 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     numeric::register(m)?;
     spline::register(m)?;
+    location::register(m)?;
     outline::register(m)?;
     proof::register(m)?;
     registration::register(m)?;

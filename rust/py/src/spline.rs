@@ -10,6 +10,7 @@ use numpy::{
 use patchtransfer_core::spline;
 use patchtransfer_core::spline::galerkin::{Galerkin as Core, MAX_ORDER, PatchSpace};
 use patchtransfer_core::spline::quality::{self, Range};
+use patchtransfer_core::spline::scattered::TensorSpline;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -70,6 +71,32 @@ fn evaluate_spline<'py>(
     let (knots, at) = (knots.as_array().to_vec(), at.as_array().to_vec());
     let values = spline::evaluate(&knots, degree, &c, width, &at, order);
     Ok(Array2::from_shape_vec((at.len(), width), values).expect("sizes agree").into_pyarray(py))
+}
+
+/// Derivatives of order (du, dv) of a bivariate spline with coefficients (n_u, n_v, d) at the points (u, v), (m, d).
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+fn evaluate_tensor<'py>(
+    py: Python<'py>,
+    knots: (PyReadonlyArray1<'py, f64>, PyReadonlyArray1<'py, f64>),
+    degrees: [usize; 2],
+    coefficients: PyReadonlyArray3<'py, f64>,
+    u: PyReadonlyArray1<'py, f64>,
+    v: PyReadonlyArray1<'py, f64>,
+    du: usize,
+    dv: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let shape = coefficients.shape();
+    let fits = |d: usize, knots: usize| shape[d] > degrees[d] && knots == shape[d] + degrees[d] + 1;
+    if !fits(0, knots.0.len()) || !fits(1, knots.1.len()) || shape[2] == 0 || u.len() != v.len() {
+        return Err(PyValueError::new_err("knots, degrees, coefficients and parameters do not fit"));
+    }
+    let (count, width) = (u.len(), shape[2]);
+    let coefficients = coefficients.as_slice()?;
+    let (u, v, knots) = (u.as_slice()?, v.as_slice()?, [knots.0.as_slice()?, knots.1.as_slice()?]);
+    let spline = TensorSpline { degrees, knots, coefficients, width };
+    let values = threads::run(py, || spline.at_points(u, v, [du, dv]))?;
+    Ok(Array2::from_shape_vec((count, width), values).expect("sizes agree").into_pyarray(py))
 }
 
 /// Quality of every patch; `signs` are the orientations, `excluded` the corners to leave out, patch by patch.
@@ -173,6 +200,7 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<Galerkin>()?;
     m.add_function(wrap_pyfunction!(bezier_extract, m)?)?;
     m.add_function(wrap_pyfunction!(evaluate_spline, m)?)?;
+    m.add_function(wrap_pyfunction!(evaluate_tensor, m)?)?;
     m.add_function(wrap_pyfunction!(measure_quality, m)?)?;
     m.add_function(wrap_pyfunction!(sample_patch, m)?)
 }

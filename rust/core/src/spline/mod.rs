@@ -4,6 +4,7 @@ pub mod bernstein;
 pub mod galerkin;
 pub mod quality;
 pub mod sampled_basis;
+pub mod scattered;
 
 /// A tensor-product spline patch of the plane, control points in C order: `[i, j]` is `points[i * shape[1] + j]`
 /// with `i` along `u` and `j` along `v`.

@@ -1,0 +1,31 @@
+"""Derivatives of quotients: points of NURBS from homogeneous coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import comb
+
+import numpy as np
+
+from ..numeric.arrays import FloatArray
+
+__all__ = ["quotient_derivative"]
+
+
+def quotient_derivative(homogeneous: Callable[[int, int], FloatArray], du: int, dv: int = 0) -> FloatArray:
+    """Derivative of order (du, dv) of x / w, where `homogeneous(i, j)` gives those of (x, w), shape (..., 3).
+
+    Leibniz's rule for x = w (x / w), solved for the highest derivative (Piegl and Tiller, The NURBS Book, 1997, 4.5).
+    """
+    weight: dict[tuple[int, int], FloatArray] = {}
+    found: dict[tuple[int, int], FloatArray] = {}
+    for i in range(du + 1):
+        for j in range(dv + 1):
+            h = homogeneous(i, j)
+            weight[i, j], value = h[..., 2:], h[..., :2]
+            for a in range(i + 1):
+                for b in range(j + 1):
+                    if a or b:
+                        value = value - comb(i, a) * comb(j, b) * weight[a, b] * found[i - a, j - b]
+            found[i, j] = np.asarray(value / weight[0, 0])
+    return found[du, dv]
