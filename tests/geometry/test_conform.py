@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import models
 import strategies
-from patchtransfer import InputError, Interface, MultiPatch, Patch, Side, certify, conform
+from patchtransfer import Block, InputError, Interface, MultiPatch, Patch, Side, certify, conform
 from patchtransfer.geometry.nearest import nearest_on_curve
 from shapes import LINE, bicubic, cut, quad, reparameterized, turned
 
@@ -312,3 +312,15 @@ def test_interfaces_given_by_hand_are_kept():
     a, b = quad((0, 0), (1, 0), (1, 1), (0, 1)), quad((1, 0), (2, 0), (2, 1), (1, 1))
     mp = MultiPatch([a, b], [Interface(0, Side.EAST, 1, Side.WEST, False)])
     assert mp.conform() is mp
+
+
+def test_boundary_conditions_follow_split_patches():
+    big = quad((0, 0), (1, 0), (1, 2), (0, 2))
+    small = [quad((1, 0), (2, 0), (2, 1), (1, 1)), quad((1, 1), (2, 1), (2, 2), (1, 2))]
+    text = '<boundaryConditions id="2"><bc type="Dirichlet" function="0">0 1\n1 2</bc></boundaryConditions>'
+    mp = MultiPatch([big, *small], blocks=[Block("G+Smo XML", "boundaryConditions", text)])
+    outcome = conform(mp)
+    (block,) = outcome.multipatch.blocks
+    rows = block.text.partition('"0">')[2].partition("</bc>")[0].split()
+    assert rows == ["0", "1", "3", "1", "1", "2"]
+    assert outcome.left == ()

@@ -14,7 +14,7 @@ from .patch import Patch
 from .sides import Interface
 from .tolerances import diameter, exact
 
-__all__ = ["NAMED_GAP", "OF_THICKNESS", "WIDE_GAP", "Coincidence", "between_parts", "coincidences"]
+__all__ = ["NAMED_GAP", "OF_THICKNESS", "WIDE_GAP", "Coincidence", "between_parts", "coincidences", "widest"]
 
 #: Gaps up to this part of the model's diameter, and the thickness of the patches, are named: sides of printed models
 #: that were meant to meet are within a thousandth of it. More is as likely a slit.
@@ -70,6 +70,12 @@ def coincidences(
         ends = np.concatenate([side.of(patches[k].control_points)[[0, -1]] for k, side in (pair.a, pair.b)])
         named.append(Coincidence(describe(pair, rounding), pair.a, pair.b, pair.gap, ends))
     return named
+
+
+def widest(patches: Sequence[Patch], interfaces: Sequence[Interface]) -> float:
+    """Largest gap above rounding between sides that could be one; 0 if there is none."""
+    gaps = [c.gap for c in coincidences(patches, interfaces, WIDE_GAP)]
+    return max((gap for gap in gaps if gap > exact(patches)), default=0.0)
 
 
 def between_parts(patches: Sequence[Patch], interfaces: Sequence[Interface]) -> str:

@@ -75,15 +75,12 @@ def conform(multipatch: MultiPatch, *, weld: float = 0.0) -> Conformed:
     >>> mended.notes[1]
     'interface patch 0 east - patch 1 west: gap of 3e-5 closed, both sides moved by at most 1.5e-5'
     """
-    mended, made = multipatch._conformed(weld)
+    mended, made, lost = multipatch._conformed(weld)
     rounding = exact(mended.patches)
     open_gaps = [
         f"interface {f.name}: {gap_in_words(gap)}"
         for f, gap in zip(mended.interfaces, gaps(mended.patches, mended.interfaces), strict=True)
         if gap > rounding
     ]
-    if multipatch.blocks and len(made.origins) > len(multipatch):
-        kinds = ", ".join(sorted({block.kind for block in multipatch.blocks}))
-        open_gaps.append(f"{kinds}: kept word for word, and may name patches that were split; see what was done")
-    left = [*open_gaps, *(c.text for c in coincidences(mended.patches, mended.interfaces))]
+    left = [*lost, *open_gaps, *(c.text for c in coincidences(mended.patches, mended.interfaces))]
     return Conformed(mended, tuple(made.notes), tuple(left), made.moved, tuple(made.origins))

@@ -14,7 +14,7 @@ from .common_splines import with_common_splines
 from .cutting import Pieces
 from .overlaps import Overlap, SideOf, overlaps, whole_pairs
 from .patch import Patch
-from .sides import Interface
+from .sides import Interface, Side
 from .strips import strips_of
 from .tolerances import COINCIDENCE, diameter
 from .weighting import with_common_weights
@@ -46,7 +46,8 @@ class Conforming(NamedTuple):
     interfaces : list of Interface
     origins : list of int
         Of every patch the one it was cut from; first pieces keep their number.
-    labels : dict of str to lists of (patch, Side)
+    parts : dict of (patch, Side) to lists of (patch, Side)
+        Of every side as it was, its parts in order along it.
     moved : float
         How far the control point that moved most did.
     notes : list of str
@@ -56,7 +57,7 @@ class Conforming(NamedTuple):
     patches: list[Patch]
     interfaces: list[Interface]
     origins: list[int]
-    labels: dict[str, list[SideOf]]
+    parts: dict[SideOf, list[SideOf]]
     moved: float
     notes: list[str]
 
@@ -64,7 +65,6 @@ class Conforming(NamedTuple):
 def conforming(
     patches: Sequence[Patch],
     interfaces: Sequence[Interface],
-    labels: dict[str, list[SideOf]],
     weld: float,
 ) -> Conforming:
     """Make patches agree exactly along all sides that coincide within rounding, or within `weld`.
@@ -74,12 +74,11 @@ def conforming(
     patches : sequence of Patch
     interfaces : sequence of Interface
         Known ones. More are found.
-    labels : dict of str to lists of (patch, Side)
-        Names of sides, for whose pieces they are carried over.
     weld : float
         Gaps up to this length are closed.
     """
     patches, interfaces = list(patches), list(interfaces)
+    parts = {(k, side): [(k, side)] for k in range(len(patches)) for side in Side}
     given, origins, notes = patches, list(range(len(patches))), list[str]()
     for turn in range(MAX_ROUNDS):
         glued = {side for f in interfaces for side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b))}
@@ -96,7 +95,7 @@ def conforming(
         at_most(len(pieces.patches), MAX_PATCHES, "patches after cutting at T-junctions", "split the model")
         notes += _cut_sentences(pieces, cuts)
         interfaces = pieces.glued(interfaces)
-        labels = {name: [part for side in sides for part in pieces.on(side)] for name, sides in labels.items()}
+        parts = {side: [piece for part in own for piece in pieces.on(part)] for side, own in parts.items()}
         origins = [origins[k] for k in pieces.origins]
         patches = pieces.patches
         if turn >= AFTER_ROUNDS and (thin := _too_thin(given, patches, origins)) is not None:
@@ -106,7 +105,7 @@ def conforming(
     patches, refined = with_common_splines(patches, interfaces)
     patches, weighted = with_common_weights(patches, interfaces)
     patches, moved, closed = welded(patches, interfaces, weld * LEEWAY)
-    return Conforming(patches, interfaces, origins, labels, moved, [*notes, *refined, *weighted, *closed])
+    return Conforming(patches, interfaces, origins, parts, moved, [*notes, *refined, *weighted, *closed])
 
 
 def _coinciding(patches: Sequence[Patch], glued: set[SideOf], weld: float) -> list[Overlap]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._core import Locator
-from ..errors import InputError
+from ..errors import InputError, InputWarning
 from ..numeric.arrays import FloatArray, IntArray, frozen_array
 from . import display, exchange
-from .blocks import Block
+from .blocks import Block, renumbered
 from .boundary import Boundary
 from .conforming import Conforming, conforming
 from .interfaces import check_interfaces, infer_interfaces
@@ -271,19 +272,23 @@ class MultiPatch:
         >>> len(mp.interfaces), len(mp.conform().interfaces)
         (0, 1)
         """
-        return self._conformed(weld)[0]
+        mended, _, lost = self._conformed(weld)
+        for line in lost:
+            warnings.warn(line, InputWarning, stacklevel=2)
+        return mended
 
-    def _conformed(self, weld: float) -> tuple[MultiPatch, Conforming]:
-        """The multi-patch that conforms, and how it was made."""
+    def _conformed(self, weld: float) -> tuple[MultiPatch, Conforming, list[str]]:
+        """The multi-patch that conforms, how it was made, and what in its blocks could not follow."""
         if not 0 <= weld < np.inf:
             raise InputError(f"weld is a length, 0 or more, not {weld!r}")
-        labels = {name: list(sides) for name, sides in self.sides.items()}
-        made = conforming(self.patches, self.interfaces, labels, weld)
+        made = conforming(self.patches, self.interfaces, weld)
         if made.patches == list(self.patches) and made.interfaces == list(self.interfaces):
-            return self, made
+            return self, made, []
         first = max(self.ids) + 1
         ids = [*self.ids, *range(first, first + len(made.patches) - len(self.ids))]
-        return MultiPatch(made.patches, made.interfaces, ids, made.labels, self.blocks), made
+        labels = {name: [part for side in sides for part in made.parts[side]] for name, sides in self.sides.items()}
+        blocks, lost = renumbered(self.blocks, made.parts) if len(made.patches) > len(self) else (self.blocks, [])
+        return MultiPatch(made.patches, made.interfaces, ids, labels, blocks), made, lost
 
     def _in_other_space(self, change: Callable[[Patch], Patch]) -> MultiPatch:
         """The multi-patch of changed patches; rounding may part glued points, so they are welded where they agreed."""

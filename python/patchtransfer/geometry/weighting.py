@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from ..numeric.arrays import FloatArray
+from ..numeric.components import components
 from .patch import Patch
 from .sides import Interface
 
@@ -22,12 +23,15 @@ def with_common_weights(patches: Sequence[Patch], interfaces: Sequence[Interface
 
     All weights of a patch are scaled by a factor where those of its neighbour's side are that many times its own, but
     for some digits; polynomial patches count as ones with weights of one. Exact multiples describe the same side and
-    are left as they are.
+    are left as they are, in parts of the model that have nothing else.
     """
     patches, notes = list(patches), list[str]()
+    a, b = (np.array(x, np.int64) for x in ([f.patch_a for f in interfaces], [f.patch_b for f in interfaces]))
+    part = components(len(patches), a, b)
+    concerned = {int(part[f.patch_a]) for f in interfaces if unproportional(*along(patches, f))}
     beside: dict[int, list[Interface]] = {}
     for f in interfaces:
-        if unproportional(*along(patches, f)):
+        if part[f.patch_a] in concerned:
             beside.setdefault(f.patch_a, []).append(f)
             beside.setdefault(f.patch_b, []).append(f)
     seen = {k for k in beside if patches[k].weights is None}
@@ -59,6 +63,8 @@ def _scale(patches: list[Patch], k: int, factor: float) -> list[str]:
 
 def unproportional(a: FloatArray, b: FloatArray) -> float:
     """By what part of themselves weights differ that are the same up to a factor; 0 for exact multiples only."""
+    if np.array_equal(a, b):
+        return 0.0
     ratio = a / b
     apart = float(np.abs(ratio / ratio.mean() - 1).max())
     if apart > SAME_WEIGHT:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from ...errors import InputError, InputWarning
+from ...geometry.coincidences import widest
 from ...geometry.mending import conform_command
 from ...geometry.multipatch import MultiPatch
 from ...geometry.patch import Patch
@@ -176,8 +177,10 @@ def _fitting(patches: list[Patch], reading: Reading) -> list[Interface]:
         for misfit in found:
             if misfit.kind == "names" or misfit.gap > near:
                 raise InputError(f"{misfit.reason}; {misfit.advice}")
-        gap = max((misfit.gap for misfit in found if misfit.kind == "gap"), default=0.0)
+        apart = {misfit.number for misfit in found}
+        kept = [f for i, f in enumerate(reading.interfaces) if i not in apart]
+        gap = max(widest(patches, kept), *(misfit.gap for misfit in found if misfit.kind == "gap"), 0.0)
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         _warn(f"{found[0].reason}{more}: left apart; `{conform_command(gap)}` mends it")
-    apart = {misfit.number for misfit in found}
-    return [f for i, f in enumerate(reading.interfaces) if i not in apart]
+        return kept
+    return reading.interfaces
