@@ -20,9 +20,8 @@ from random import Random
 import atheris
 import numpy as np
 
-with atheris.instrument_imports(include=["patchtransfer", "svgpathtools"]):
-    import svgpathtools.document
-    import svgpathtools.parser  # noqa: F401
+with atheris.instrument_imports(include=["patchtransfer", "svg"]):
+    import svg.path  # noqa: F401
 
     import patchtransfer as pt
     from patchtransfer import io

@@ -32,5 +32,6 @@ origins.make_with(
             *given, **options
         ),
         "mask": lambda *given, **options: import_module(".io.mask", __name__).boundary_of_mask(*given, **options),
+        "points": lambda *given, **options: import_module(".io.point_loops", __name__).from_points(*given, **options),
     }
 )

@@ -402,7 +402,7 @@ def test_refine_keeps_the_geometry(files):
         assert np.unique(b.knots[0], return_counts=True)[1].tolist() == [4, 3, 3, 3, 4]
         np.testing.assert_allclose(a.grid([0.1, 0.7], [0.3, 0.9]), b.grid([0.1, 0.7], [0.3, 0.9]), atol=1e-12)
     failed(run("refine", files / "nothing.xml", "-o", files / "x.xml"), 2, "nothing.xml")
-    failed(run("refine", files / "source.xml", "-o", files / "x.txt"), 2, "unknown format")
+    failed(run("refine", files / "source.xml", "-o", files / "x.dwg"), 2, "cannot write .dwg|unknown format")
 
 
 @pytest.mark.parametrize("tolerance", ["0", "-1", "2", "nan"])
@@ -483,7 +483,7 @@ def test_paths_are_printed_as_they_are(files):
 
 
 def test_ctrl_c(files, monkeypatch):
-    def interrupt(_):
+    def interrupt(_, **_options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pt.io, "read_boundary", interrupt)

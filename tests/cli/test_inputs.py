@@ -1,7 +1,8 @@
-"""The command line never writes over a file that it reads."""
+"""The command line never writes over a file that it reads, and reads outlines as its options say."""
 
 import json
 import os
+import re
 
 import numpy as np
 import pytest
@@ -104,3 +105,34 @@ def test_absurd_numbers_of_points_of_a_field_are_refused(files, points):
         f"{points} points are too many.*8 GB with more than [0-9]+ per patch",
     )
     failed(run("poisson", files / "a.xml", "--degree", 17, "--points", points), 2, "--points|degree")
+
+
+@pytest.mark.parametrize(
+    "command", ["transfer a.xml shape.csv -o o.xml", "parameterize shape.csv -o o.xml", "build l.json -o o.xml"]
+)
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [("", (True, None)), ("--no-clean --smooth", (False, True)), ("--polygon", (True, False))],
+)
+def test_outlines_are_read_as_the_options_say(tmp_path, monkeypatch, command, given, expected):
+    pt.write(models.grid(2, 1, 2, 3), tmp_path / "a.xml")
+    (tmp_path / "l.json").write_text(
+        '{"vertices": [[0, 0], [1, 0], [1, 1], [0, 1]], "quads": [[0, 1, 2, 3]], "boundary": "shape.csv"}'
+    )
+
+    def read_boundary(path, *, clean=True, smooth=None, **_others):
+        raise pt.InputError(f"asked for {clean, smooth}")
+
+    monkeypatch.setattr("patchtransfer.io.read_boundary", read_boundary)
+    monkeypatch.chdir(tmp_path)
+    failed(run(*command.split(), *given.split()), 2, re.escape(f"asked for {expected}"))
+
+
+def test_targets_of_a_batch_are_read_as_the_options_say(tmp_path):
+    pt.write(models.grid(2, 1, 2, 3), tmp_path / "a.xml")
+    (tmp_path / "t.csv").write_text("0,0\n2,0\n2,0\n2,1\n0,1\n")
+    words = ("batch", tmp_path / "a.xml", tmp_path / "t.csv", "-o", tmp_path / "out", "--workers", "1")
+    assert run(*words).exit_code == 0
+    # Another way of reading is another job.
+    assert run(*words, "--no-clean").exit_code == 1
+    assert "repeats" in (tmp_path / "out" / "summary.json").read_text()

@@ -35,6 +35,7 @@ def shown() -> dict[str, list[object]]:
     corner = pt.QuadLayout([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2, 3]])
     many = pt.Boundary([[circle()]] * 300)
     return {
+        "Block": [pt.Block("G+Smo XML", "Function", "x" * 500)],
         "Boundary": [rounds, mp.boundary(), many],
         "BSplineCurve": [circle(), crossing, mp.patches[0]],
         "batch.BatchOptions": [batch.BatchOptions(), batch.BatchOptions(method="paper", keep_uncertified=True)],

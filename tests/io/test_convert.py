@@ -117,6 +117,6 @@ def test_the_command_refuses_with_one_line_and_writes_nothing(tmp_path):
 def test_outlines_on_the_command_line(tmp_path):
     np.savetxt(tmp_path / "a.csv", [[0, 0], [2, 0], [1, 1]], delimiter=",")
     result = run("convert", tmp_path / "a.csv", tmp_path / "b.npz")
-    assert result.stdout.startswith("<Boundary: 1 loops of 3 curves> written to")
+    assert result.stdout.startswith("<Boundary: 1 loop of 3 curves> written to")
     assert pt.read_boundary(tmp_path / "b.npz").loops[0][0].start.tolist() == OUTLINE.loops[0][0].start.tolist()
     failed(run("convert", tmp_path / "b.npz", tmp_path / "c.json"), 2, r"not of a Boundary; use \.xml, \.npz")

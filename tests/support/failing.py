@@ -24,10 +24,12 @@ def folded_source() -> MultiPatch:
 
 
 def rational_source() -> MultiPatch:
-    """Two patches, the second with weights."""
+    """Two patches, the second with weights that differ away from the interface."""
     mp = models.grid(2, 1, 2, 1)
     a, b = mp.patches
-    return MultiPatch([a, Patch(b.knots, b.degrees, b.control_points, np.ones(b.shape))])
+    weights = np.ones(b.shape)
+    weights[-1, -1] = 2.0
+    return MultiPatch([a, Patch(b.knots, b.degrees, b.control_points, weights)])
 
 
 def disconnected_source() -> MultiPatch:

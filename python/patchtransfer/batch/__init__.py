@@ -41,9 +41,15 @@ NAME = 45
 
 @dataclass(frozen=True, repr=False)
 class BatchOptions(Options):
-    """Options of every transfer; `time_limit` is each target's own, `keep_uncertified` writes the best maps."""
+    """Options of every transfer; `time_limit` is each target's own, `keep_uncertified` writes the best maps.
+
+    `clean`, `smooth` and `layers` are those of `read_boundary`.
+    """
 
     keep_uncertified: bool = False
+    clean: bool = True
+    smooth: bool | None = None
+    layers: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -249,7 +255,7 @@ def _transfer(plan: TransferPlan, job: _Job, options: BatchOptions) -> BatchRow:
     landmarks = job.landmarks is not None
     content: dict[str, Any] = {}
     try:
-        target = io.read_boundary(job.target)
+        target = io.read_boundary(job.target, clean=options.clean, smooth=options.smooth, layers=options.layers)
         points = None if job.landmarks is None else io.read_landmarks(job.landmarks)
         result = plan.transfer(target, points, **options.keywords())
     except BaseException as error:

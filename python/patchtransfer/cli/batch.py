@@ -18,6 +18,7 @@ from .support import (
     escape,
     failures,
     keep_inputs,
+    outline_options,
     print_error,
     print_line,
     say,
@@ -36,6 +37,7 @@ __all__ = ["batch"]
 @click.option("-o", "--output", required=True, metavar="DIR", help="Folder for all files; made if it does not exist.")
 @continuity_option("c1")
 @transfer_options
+@outline_options
 @click.option(
     "--workers", type=click.IntRange(1, 256), metavar="N", help="Processes (default: one a core, at most one a target)."
 )

@@ -17,6 +17,7 @@ from .support import (
     keep_inputs,
     keep_uncertified_option,
     leave,
+    outline_options,
 )
 
 __all__ = ["build"]
@@ -26,9 +27,19 @@ __all__ = ["build"]
 @click.argument("layout", type=click.Path())
 @click.option("-o", "--output", required=True, metavar="OUT.xml", help="Multi-patch (G+Smo XML).")
 @keep_uncertified_option
+@outline_options
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
 @json_option
-def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | None, json_path: str | None) -> None:
+def build(
+    layout: str,
+    output: str,
+    keep_uncertified: bool,
+    plot_path: str | None,
+    json_path: str | None,
+    clean: bool,
+    smooth: bool | None,
+    layers: tuple[str, ...] | None,
+) -> None:
     """Parameterize a domain from the quad layout LAYOUT (JSON) and the boundary that it names."""
     from .. import io
     from ..sources.layout import from_layout
@@ -36,7 +47,7 @@ def build(layout: str, output: str, keep_uncertified: bool, plot_path: str | Non
     report = Report(json_path)
     with failures(report):
         check_outputs(model=output, picture=plot_path, report=json_path)
-        given = io.read_layout(layout)
+        given = io.read_layout(layout, clean=clean, smooth=smooth, layers=layers)
         keep_inputs([layout, given.boundary_file], [output, plot_path, json_path])
         try:
             result = from_layout(

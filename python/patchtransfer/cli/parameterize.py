@@ -64,6 +64,8 @@ def parameterize(
     json_path: str | None,
     threads: int | None,
     layers: tuple[str, ...] | None,
+    clean: bool,
+    smooth: bool | None,
 ) -> None:
     """Parameterize the inside of OUTLINE, which needs no source: the layout of patches is found.
 
@@ -78,7 +80,7 @@ def parameterize(
         check_outputs(model=output, picture=plot_path, report=json_path)
         keep_inputs([outline], [output, plot_path, json_path])
         set_threads(threads)
-        boundary = io.read_boundary(outline, layers=layers)
+        boundary = io.read_boundary(outline, clean=clean, smooth=smooth, layers=layers)
         with status_line("reading", _stage) as progress:
             result = run(
                 boundary,

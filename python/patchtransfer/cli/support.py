@@ -299,14 +299,31 @@ def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[
 
 def outline_options(command: Callable[..., None]) -> Callable[..., None]:
     """How an outline is read: keywords of `read_boundary`."""
-    return click.option(
-        "--layer",
-        "layers",
-        multiple=True,
-        callback=lambda context, parameter, value: value or None,
-        metavar="NAME",
-        help="Layer of the drawing to read, or GeoJSON polygon; repeatable (default: all that are visible).",
-    )(command)
+    for option in (
+        click.option(
+            "--layer",
+            "layers",
+            multiple=True,
+            callback=lambda context, parameter, value: value or None,
+            metavar="NAME",
+            help="Layer of the drawing to read, or GeoJSON polygon; repeatable (default: all that are visible).",
+        ),
+        click.option(
+            "--no-clean",
+            "clean",
+            is_flag=True,
+            default=True,
+            flag_value=False,
+            help="Do not mend slips of the outline.",
+        ),
+        click.option(
+            "--smooth/--polygon",
+            default=None,
+            help="Points are samples of smooth curves, or corners of polygons (default: all turns decide).",
+        ),
+    ):
+        command = option(command)
+    return command
 
 
 fit_tolerance_option = click.option(

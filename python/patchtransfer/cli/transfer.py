@@ -54,6 +54,8 @@ def transfer(
     json_path: str | None,
     threads: int | None,
     layers: tuple[str, ...] | None,
+    clean: bool,
+    smooth: bool | None,
     **options: Any,
 ) -> None:
     """Transfer the parameterization SOURCE to the boundary TARGET.
@@ -70,7 +72,7 @@ def transfer(
         check_outputs(picture=plot_registration)
         keep_inputs([source, target, landmarks], [output, plot_path, plot_registration, json_path])
         set_threads(threads)
-        model, boundary = io.read(source), io.read_boundary(target, layers=layers)
+        model, boundary = io.read(source), io.read_boundary(target, clean=clean, smooth=smooth, layers=layers)
         points = None if landmarks is None else io.read_landmarks(landmarks)
         with status_line() as progress:
             result = run(model, boundary, points, continuity, progress=progress, **chosen(options).keywords())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -58,6 +58,52 @@ class Boundary:
                         f"boundary loop {k} is open: curve {i} ends {gap:.3g} away from the start of curve "
                         f"{(i + 1) % len(loop)} (tolerance {tolerance:.3g}); close the loop"
                     )
+
+    @classmethod
+    def from_points(
+        cls,
+        loops: ArrayLike | Sequence[ArrayLike],
+        *,
+        smooth: bool | None = None,
+        corner_angle: float = 30.0,
+        clean: bool = True,
+    ) -> Boundary:
+        """Boundary through closed lists of points: polygons, or smooth curves with corners.
+
+        Parameters
+        ----------
+        loops : (n, 2) array, or sequence of (n, 2) arrays
+            At least 3 points a loop, in order; the first may be repeated at the end.
+        smooth : bool, optional
+            Whether the points are samples of smooth curves, through which cubic splines go (True), or corners of
+            polygons (False); None (the default) decides for each loop by all turns together, and tells in ``notes``.
+        corner_angle : float, default 30
+            Turn, in degrees, from which a point of a smooth curve is a corner, where curves end.
+        clean : bool, default True
+            Mend what is plainly a slip: repeated points, edges of rounding, specks; ``notes`` tell. False refuses
+            repeated points.
+
+        Returns
+        -------
+        Boundary
+
+        Raises
+        ------
+        InputError
+            When a loop is no such array, or has fewer than 3 distinct points.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> t = 2 * np.pi * np.arange(60) / 60
+        >>> ring = Boundary.from_points([3 * np.c_[np.cos(t), np.sin(t)], [(-1, -1), (1, -1), (1, 1), (-1, 1)]])
+        >>> ring
+        <Boundary: 2 loops of 1, 4 curves>
+        >>> ring.notes[0]
+        'loop 1 (4 points): taken as corners of a polygon; smooth=True (--smooth) draws a smooth curve through them'
+        """
+        boundary: Boundary = make("points", loops, smooth=smooth, corner_angle=corner_angle, clean=clean)
+        return boundary
 
     @classmethod
     def from_shapely(cls, polygon: Any, *, smooth: bool | None = None) -> Boundary:

@@ -11,6 +11,7 @@ import os
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from ..errors import InputError, InputWarning
@@ -99,10 +100,10 @@ def read_boundary(
     ----------
     path : path
         G+Smo XML (a ``PlanarDomain``, loose curves in any order and sense, or patches, whose boundary is
-        taken), SVG (every closed path is a loop; y is flipped, so that pictures are upright), DXF (what is drawn in
-        model space), Rhino's 3dm (curves), GeoJSON (a polygon), an airfoil's points, an image (PNG, TIFF, BMP) of the
-        region or CSV (lines ``x,y``, one closed outline per block, blocks separated by blank lines; interpolated by
-        cubic splines between corners).
+        taken), SVG (every closed outline that is drawn is a loop, its pieces are joined; y is flipped, so that pictures
+        are upright), DXF (what is drawn in model space), Rhino's 3dm (curves), GeoJSON (a polygon), an airfoil's
+        points, an image (PNG, TIFF, BMP) of the region or CSV (lines ``x,y``, one closed outline per block, blocks
+        separated by blank lines; polygons, or cubic splines between corners).
     clean : bool, default True
         Mend what is plainly a slip: slivers, repeated points, tiny gaps. Every change is one of the boundary's
         ``notes``.
@@ -110,8 +111,8 @@ def read_boundary(
         Whether points are samples of smooth curves (True) or corners of a polygon (False); None (the default) decides
         by all turns together and tells in a note.
     layers : sequence of str, optional
-        Layers of a drawing to read, or the name or number of a GeoJSON polygon; None (the default) takes all that are
-        visible.
+        Layers of a drawing to read (of SVG: labels or ids of groups), or the name or number of a GeoJSON polygon; None
+        (the default) takes all that are visible.
 
     Returns
     -------
@@ -158,11 +159,18 @@ def read_landmarks(path: str | os.PathLike[str]) -> FloatArray:
         return points.read_landmarks(read_bytes(path))
 
 
-def read_layout(path: str | os.PathLike[str]) -> LayoutFile:
+def read_layout(
+    path: str | os.PathLike[str],
+    *,
+    clean: bool = True,
+    smooth: bool | None = None,
+    layers: Sequence[str] | None = None,
+) -> LayoutFile:
     """Read a quad layout (JSON) with the boundary file that it names.
 
     Fields: ``vertices`` [[x, y], ...], ``quads`` [[a, b, c, d], ...], ``boundary`` (a file, relative to the layout's
-    folder), optionally ``degree`` (3), ``spans`` (2) and ``assignment`` {vertex: [x, y]}.
+    folder), optionally ``degree`` (3), ``spans`` (2) and ``assignment`` {vertex: [x, y]}. `clean`, `smooth` and
+    `layers` are those of `read_boundary`.
 
     Raises
     ------
@@ -171,7 +179,9 @@ def read_layout(path: str | os.PathLike[str]) -> LayoutFile:
     """
     path = Path(path)
     with _naming(path):
-        return parse_layout(read_bytes(path), path.parent, read_boundary)
+        return parse_layout(
+            read_bytes(path), path.parent, partial(read_boundary, clean=clean, smooth=smooth, layers=layers)
+        )
 
 
 def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None:

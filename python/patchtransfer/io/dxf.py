@@ -159,7 +159,7 @@ def read_boundary(data: bytes, options: BoundaryOptions = DEFAULT) -> Boundary:
     if not drawing.pieces:
         told = "".join(f"; {note}" for note in notes)
         raise InputError(f"no lines, arcs or splines in model space{told}; draw the outline there")
-    return boundary_of(drawing.pieces, notes)
+    return boundary_of(drawing.pieces, notes, options)
 
 
 def _document(data: bytes) -> Any:

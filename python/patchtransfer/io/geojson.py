@@ -21,7 +21,7 @@ from ..geometry.boundary import Boundary
 from ..limits import MAX_CURVES, MAX_LOOPS, at_most
 from ..numeric.arrays import FloatArray
 from .options import DEFAULT, BoundaryOptions
-from .points import interpolate_outline
+from .point_loops import PointLoop, boundary_of_points
 
 __all__ = ["boundary_of_shapely", "looks_like_geojson", "read_boundary"]
 
@@ -182,16 +182,11 @@ def boundary_of_shapely(polygon: Any, smooth: bool | None = None) -> Boundary:
 
 
 def _boundary(rings: Sequence[FloatArray], notes: Sequence[str], options: BoundaryOptions) -> Boundary:
-    at_most(sum(map(len, rings)), MAX_CURVES, "points", "simplify the polygon")
     loops = []
     for k, ring in enumerate(rings):
         name = "the outer ring" if k == 0 else f"ring {k}, a hole,"
         # Squares of coordinates must not overflow; the comparison also refuses NaN.
         if not (np.abs(ring) <= 1e150).all():
             raise InputError(f"{name} has NaN, infinity or a number above 1e150; give finite numbers")
-        # Rings repeat their first point at the end.
-        points = ring[:-1] if len(ring) > 1 and (ring[0] == ring[-1]).all() else ring
-        if len(np.unique(points, axis=0)) < 3:
-            raise InputError(f"{name} has fewer than 3 distinct points; add points")
-        loops.append(interpolate_outline(points, name))
-    return Boundary(loops, notes)
+        loops.append(PointLoop(name, ring))
+    return boundary_of_points(loops, options, notes)

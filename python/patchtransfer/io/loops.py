@@ -13,7 +13,7 @@ from ..geometry.curve import BSplineCurve
 from ..numeric.arrays import FloatArray
 from ..numeric.components import components
 
-__all__ = ["TOLERANCE", "chain", "clamp", "close_loop"]
+__all__ = ["TOLERANCE", "chain", "clamp", "close_loop", "diameter", "free_ends", "vertices"]
 
 #: End points closer than this (relative to the diameter of all curves) are the same point.
 TOLERANCE = 1e-6
@@ -85,7 +85,7 @@ def chain(names: Sequence[str], curves: Sequence[BSplineCurve], tolerance: float
     InputError
         Naming the curve that is open, without length, or there twice, or the curves that branch.
     """
-    vertex = _vertices(curves, tolerance)
+    vertex = vertices(curves, tolerance)
     _check(names, curves, vertex, tolerance)
     at: dict[int, list[int]] = defaultdict(list)
     for i, (a, b) in enumerate(vertex):
@@ -114,6 +114,13 @@ def chain(names: Sequence[str], curves: Sequence[BSplineCurve], tolerance: float
     return loops
 
 
+def free_ends(curves: Sequence[BSplineCurve], tolerance: float) -> list[int]:
+    """Ends where no other curve ends: 2 i is the start of curve i, 2 i + 1 its end."""
+    ends = [v for pair in vertices(curves, tolerance) for v in pair]
+    meeting = np.bincount(ends)
+    return [e for e, v in enumerate(ends) if meeting[v] == 1]
+
+
 def in_order(curves: Sequence[BSplineCurve], tolerance: float) -> bool:
     """Whether every curve ends where the next one starts."""
     ends = np.array([c.end for c in curves])
@@ -123,10 +130,10 @@ def in_order(curves: Sequence[BSplineCurve], tolerance: float) -> bool:
 
 def check_curves(names: Sequence[str], curves: Sequence[BSplineCurve], tolerance: float) -> None:
     """Raise `InputError` on curves without length and on curves that are there twice."""
-    _check(names, curves, _vertices(curves, tolerance), tolerance)
+    _check(names, curves, vertices(curves, tolerance), tolerance)
 
 
-def _vertices(curves: Sequence[BSplineCurve], tolerance: float) -> list[tuple[int, int]]:
+def vertices(curves: Sequence[BSplineCurve], tolerance: float) -> list[tuple[int, int]]:
     """Numbers of the start and end points, the same number for points that coincide."""
     ends = np.array([point for c in curves for point in (c.start, c.end)])
     places, which = np.unique(ends, axis=0, return_inverse=True)

@@ -29,6 +29,7 @@ from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..limits import MAX_BOUNDARY_POINTS, MAX_LOOPS, MAX_PIXELS, at_most
 from ..numeric.arrays import FloatArray
+from ..numeric.dense import svd
 from .loops import clamp, close_loop
 from .optional import damaged, library
 from .options import DEFAULT, BoundaryOptions
@@ -292,7 +293,7 @@ def _side(run: FloatArray) -> _Side | None:
         if len(near) < 3:
             return None
         middle = near.mean(axis=0)
-        _, spread, axes = np.linalg.svd(near - middle, full_matrices=False)
+        _, spread, axes = svd(near - middle)
         off = float(spread[1]) / math.sqrt(len(near))
         if off <= STRAIGHT or reach <= SHORTEST_SIDE:
             outwards = axes[0] if axes[0] @ (near[-1] - near[0]) > 0 else -axes[0]
@@ -311,7 +312,7 @@ def _off_circle(points: FloatArray) -> float:
     q = centred / size
     # a (x² + y²) + b x + c y + d = 0 with the smallest residual; the distance is that over the gradient.
     rows = np.column_stack([(q**2).sum(axis=1), q, np.ones(len(q))])
-    a, b, c, _ = coefficients = np.linalg.svd(rows, full_matrices=len(rows) < 4)[2][-1]
+    a, b, c, _ = coefficients = svd(rows, full=len(rows) < 4)[2][-1]
     gradient = np.hypot(2 * a * q[:, 0] + b, 2 * a * q[:, 1] + c)
     return size * float((np.abs(rows @ coefficients) / np.maximum(gradient, 1e-9)).max())
 

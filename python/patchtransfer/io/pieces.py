@@ -18,7 +18,9 @@ from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..limits import MAX_BOUNDARY_POINTS, MAX_CURVES, MAX_DEGREE, MAX_LOOPS, at_most
 from ..numeric.arrays import FloatArray
+from .cleaning import cleaned, mended
 from .loops import TOLERANCE, chain, clamp
+from .options import DEFAULT, BoundaryOptions
 
 __all__ = ["Piece", "arc", "boundary_of", "bulge", "full_turn", "line", "spline"]
 
@@ -106,7 +108,9 @@ def spline(knots: ArrayLike, degree: int, points: ArrayLike, weights: ArrayLike 
     return Piece(t, degree, h) if w is None else Piece(t, degree, h[:, :3] / h[:, 3:], h[:, 3])
 
 
-def boundary_of(pieces: Sequence[tuple[str, Piece]], notes: Sequence[str] = ()) -> Boundary:
+def boundary_of(
+    pieces: Sequence[tuple[str, Piece]], notes: Sequence[str] = (), options: BoundaryOptions = DEFAULT
+) -> Boundary:
     """The closed loops that named pieces form in a plane z = const.
 
     Raises
@@ -138,9 +142,11 @@ def boundary_of(pieces: Sequence[tuple[str, Piece]], notes: Sequence[str] = ()) 
         told.append(f"{short} pieces without length left out")
     if not curves:
         raise InputError("all pieces of outline are without length; draw the outline again")
+    if options.clean:
+        names, curves = mended(names, curves, told)
     loops = chain(names, curves, TOLERANCE * size)
     at_most(len(loops), MAX_LOOPS, "loops", "keep those of the domain")
-    return Boundary(loops, told)
+    return Boundary(cleaned(loops, told) if options.clean else loops, told)
 
 
 def _check_plane(pieces: Sequence[tuple[str, Piece]], everywhere: FloatArray, size: float) -> None:

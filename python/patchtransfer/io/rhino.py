@@ -66,7 +66,7 @@ def read_boundary(data: bytes, options: BoundaryOptions = DEFAULT) -> Boundary:
     notes = [f"left out, {why}: {_listed(counts)}" for why, counts in left.items() if counts]
     if not pieces:
         raise InputError(f"holds no curves{''.join(f'; {note}' for note in notes)}; draw the outline with curves")
-    return boundary_of(pieces, notes)
+    return boundary_of(pieces, notes, options)
 
 
 def _contents(data: bytes) -> dict[str, Any]:

@@ -1,19 +1,15 @@
-"""SVG: every closed subpath is a boundary loop.
+"""SVG: every closed outline that is drawn is a boundary loop.
 
-Lines and Bézier segments are taken over exactly. An elliptical arc becomes one C¹ cubic with double inner
-knots whose pieces turn by at most 0.28 rad: the radial error of the usual cubic with tangent length (4/3)
-tan(θ/4) is about (2/27) (θ/4)⁶ of the radius, below 1e-8. The y axis is flipped, so that pictures are
-upright. Transforms of elements and of all groups around them are applied to the control points.
+The y axis is flipped, so that pictures are upright. Which shapes are drawn, and where, is found in `svg_tree`, their
+curves in `svg_paths`. Outlines may come in pieces, as programs for CAD write them, a path an edge: pieces whose ends
+meet are chained. A filled path is closed by its filling, with a straight line; a path that is only stroked is an
+outline if nothing is filled, and decoration if something is.
 """
 
 from __future__ import annotations
 
-import math
-import re
-import warnings
-from collections.abc import Iterator
-from typing import Any
-from xml.etree.ElementTree import Element
+from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,27 +17,37 @@ from ..errors import InputError
 from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..limits import MAX_CURVES, MAX_LOOPS, at_most
-from ..numeric.arrays import FloatArray
-from .loops import TOLERANCE, close_loop
+from ..numeric.components import components
+from .cleaning import NEGLIGIBLE, cleaned, mended
+from .loops import TOLERANCE, chain, close_loop, vertices
 from .options import DEFAULT, BoundaryOptions
 from .safe_xml import local_name, parse_xml
+from .svg_paths import Segment
+from .svg_tree import Drawing
 
 __all__ = ["read_boundary"]
 
-ARC_STEP = 0.28
-#: Segments shorter than this (relative to the diameter) are rounding left-overs of closing commands.
-NEGLIGIBLE = 1e-9
+#: Lengths (relative to the diameter) that rounding can leave over.
+ROUNDING = 1e-12
 
-#: What can make a segment of a path: a number, or a closing command.
-ENTRIES = re.compile(r"[0-9]+|[zZ]")
-#: Most of a path: a segment has up to seven numbers, with digits before and after the point.
-MAX_ENTRIES = 14 * MAX_CURVES
+STROKED = "only stroked, beside what is filled"
 
-CONTAINERS = ("g", "a", "switch")
-REFUSED = {"use": "replace it by the shape it refers to", "svg": "move its shapes into the outer one"}
 
-Segment = tuple[FloatArray, int, FloatArray]
-"""Knots, degree and control points of a path segment."""
+@dataclass(frozen=True)
+class _Outline:
+    """Curves in a row, closed or a piece; `number` is the place in the document."""
+
+    name: str
+    curves: list[BSplineCurve]
+    filled: bool
+    number: int
+
+    @property
+    def flat(self) -> bool:
+        """Whether a line would close it to nothing."""
+        points = np.concatenate([c.control_points for c in self.curves])
+        size = float(np.linalg.norm(np.ptp(points, axis=0)))
+        return bool(np.linalg.svd(points - points[0], compute_uv=False)[1] <= TOLERANCE * size)
 
 
 def read_boundary(data: bytes, options: BoundaryOptions = DEFAULT) -> Boundary:
@@ -49,125 +55,152 @@ def read_boundary(data: bytes, options: BoundaryOptions = DEFAULT) -> Boundary:
     root = parse_xml(data)
     if local_name(root) != "svg":
         raise InputError(f"the root element is <{local_name(root)}>, not <svg>; save the picture as plain SVG")
-    subpaths: list[tuple[str, list[Segment]]] = []
+    drawing = Drawing(root, options.layers)
+    notes: list[str] = []
+    found: list[tuple[str, list[Segment], bool, bool]] = []
     count = 0
-    for number, (shape, matrix) in enumerate(_shapes(root), 1):
-        name = f"<{local_name(shape)}> {shape.get('id') or 'number ' + str(number)}"
-        for k, segments in enumerate(_segments(shape, name)):
-            placed = [(knots, p, _place(c, matrix)) for knots, p, c in segments]
-            # Squares must not overflow; the comparison also refuses NaN.
-            if not all((np.abs(c) <= 1e150).all() for _, _, c in placed):
-                raise InputError(f"{name}: NaN, infinity or a number above 1e150; correct it")
-            subpaths.append((name if k == 0 else f"{name}, subpath {k + 1}", placed))
-            count += len(placed)
+    for shape in drawing.shapes():
+        for k, run in enumerate(shape.subpaths):
+            name = shape.name if k == 0 else f"{shape.name}, subpath {k + 1}"
+            found.append((name, run.segments, run.closed, shape.filled))
+            count += len(run.segments)
             at_most(count, MAX_CURVES, "path segments", "simplify the paths")
-            at_most(len(subpaths), MAX_LOOPS, "subpaths and shapes", "keep those of the domain")
-    points = [c for _, segments in subpaths for _, _, c in segments]
-    if not points:
-        raise InputError("holds no closed path; draw the outline as <path> or a shape (text and images are ignored)")
-    size = float(np.linalg.norm(np.ptp(np.concatenate(points), axis=0)))
-    return Boundary([_loop(name, segments, size) for name, segments in subpaths])
-
-
-def _shapes(root: Element) -> Iterator[tuple[Element, FloatArray]]:
-    """Visible shapes in document order with the transforms of all their groups."""
-    # Imported here: it is slow to load, and only pictures need it.
-    from svgpathtools.document import CONVERSIONS
-    from svgpathtools.parser import parse_transform
-
-    # Not by recursion: programs nest groups, and files may do so thousands deep.
-    stack = [(iter(root), np.eye(3))]
-    while stack:
-        children, matrix = stack[-1]
-        child = next(children, None)
-        if child is None:
-            stack.pop()
+            at_most(len(found), MAX_LOOPS, "subpaths and shapes", "keep those of the domain")
+    if not found:
+        raise _nothing(drawing)
+    points = np.concatenate([c for _, segments, _, _ in found for _, _, c in segments])
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    closed: list[_Outline] = []
+    pieces: list[_Outline] = []
+    for number, (name, segments, ends, filled) in enumerate(found):
+        outline = _Outline(name, _curves(name, segments, size, notes), filled, number)
+        if not outline.curves:
+            if not options.clean:
+                raise InputError(f"{name} has no length; delete it")
+            notes.append(f"{name} has no length and is left out")
             continue
-        kind = local_name(child)
-        if kind not in CONVERSIONS and kind not in CONTAINERS and kind not in REFUSED:
-            continue
-        name = f"<{kind}> {child.get('id') or ''}".rstrip()
-        if kind in REFUSED:
-            raise InputError(f"{name}: nested or referenced content is not supported; {REFUSED[kind]}")
-        if "transform" in child.get("style", ""):
-            raise InputError(f"{name}: a transform in a style is not supported; use the attribute transform")
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            try:
-                own = np.asarray(parse_transform(child.get("transform")))
-            except (ValueError, TypeError, IndexError, Warning) as error:
-                raise InputError(f"{name}: cannot read its transform ({error}); correct it") from None
-        with np.errstate(over="ignore", invalid="ignore"):
-            placed = matrix @ own
-        if kind in CONTAINERS:
-            stack.append((iter(child), placed))
-        else:
-            yield child, placed
+        meet = np.linalg.norm(outline.curves[-1].end - outline.curves[0].start) <= TOLERANCE * size
+        (closed if ends or meet else pieces).append(outline)
+    joined = _loops(closed, pieces, size, drawing, notes, options.clean)
+    if not joined:
+        raise _nothing(drawing)
+    loops = [close_loop(loop.curves) for loop in sorted(joined, key=lambda loop: loop.number)]
+    if options.clean:
+        loops = cleaned(loops, notes)
+    return Boundary(loops, [*notes, *drawing.notes()])
 
 
-def _segments(shape: Element, name: str) -> list[list[Segment]]:
-    """Subpaths of a shape in its own coordinates; none for an empty one."""
-    from svgpathtools.document import CONVERSIONS
-    from svgpathtools.parser import parse_path
-
-    try:
-        with warnings.catch_warnings(), np.errstate(divide="raise", over="raise", invalid="raise"):
-            # An arc without a radius is a line, by the standard; the library says so on standard error.
-            warnings.simplefilter("ignore")
-            text = CONVERSIONS[local_name(shape)](shape)
-            # Before they are parsed, which takes thousands of bytes for each.
-            at_most(sum(1 for _ in ENTRIES.finditer(text)), MAX_ENTRIES, f"numbers in {name}", "simplify it")
-            path = parse_path(text)
-            runs = path.continuous_subpaths() if len(path) else []
-            return [[_segment(s) for s in run if s.start != s.end or len(s.bpoints()) > 2] for run in runs]
-    except (ValueError, TypeError, LookupError, ArithmeticError, AssertionError, AttributeError) as error:
-        what = " ".join(str(error).split())[:80] or type(error).__name__
-        raise InputError(f"{name}: cannot read its geometry ({what}); correct it") from None
+def _nothing(drawing: Drawing) -> InputError:
+    why = "; ".join(drawing.notes())
+    return InputError(f"holds no closed path; draw the outline as <path> or a shape{f' ({why})' if why else ''}")
 
 
-def _segment(segment: Any) -> Segment:
-    from svgpathtools import Arc
-
-    if isinstance(segment, Arc):
-        return _arc(segment)
-    points = np.array([[z.real, z.imag] for z in segment.bpoints()])
-    p = len(points) - 1
-    return np.repeat([0.0, 1.0], p + 1), p, points
-
-
-def _arc(arc: Any) -> Segment:
-    delta, first = math.radians(arc.delta), math.radians(arc.theta)
-    n = max(1, math.ceil(abs(delta) / ARC_STEP))
-    phi = np.exp(1j * (first + delta * np.arange(n + 1) / n))
-    k = 4 / 3 * math.tan(delta / n / 4)
-    inner = np.column_stack([phi[:-1] * (1 + 1j * k), phi[1:] * (1 - 1j * k)]).ravel()
-    unit = np.concatenate([phi[:1], inner, phi[-1:]])
-    z = (arc.radius.real * unit.real + 1j * arc.radius.imag * unit.imag) * np.exp(1j * math.radians(arc.rotation))
-    z += arc.center
-    z[0], z[-1] = arc.start, arc.end
-    knots = np.concatenate([np.zeros(4), np.repeat(np.arange(1, n) / n, 2), np.ones(4)])
-    return knots, 3, np.column_stack([z.real, z.imag])
-
-
-def _place(points: FloatArray, matrix: FloatArray) -> FloatArray:
-    with np.errstate(over="ignore", invalid="ignore"):
-        moved = points[:, :1] * matrix[:2, 0] + points[:, 1:] * matrix[:2, 1] + matrix[:2, 2]
-    # Not -y, which would write zeros as -0.0.
-    return np.column_stack([moved[:, 0], 0.0 - moved[:, 1]])
-
-
-def _loop(name: str, segments: list[Segment], size: float) -> list[BSplineCurve]:
+def _curves(name: str, segments: list[Segment], size: float, notes: list[str]) -> list[BSplineCurve]:
+    """Curves of segments that have a length; a note tells of the others."""
+    lengths = np.array([np.linalg.norm(np.ptp(c, axis=0)) for _, _, c in segments])
     try:
         curves = [
-            BSplineCurve(knots, p, c)
-            for knots, p, c in segments
-            if not np.linalg.norm(np.ptp(c, axis=0)) <= NEGLIGIBLE * size
+            BSplineCurve(*segment)
+            for segment, length in zip(segments, lengths, strict=True)
+            if not length <= NEGLIGIBLE * size
         ]
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
-    if not curves:
-        raise InputError(f"{name} has no length; delete it")
-    gap = float(np.linalg.norm(curves[-1].end - curves[0].start))
-    if gap > TOLERANCE * size:
-        raise InputError(f"{name} is open, its ends are {gap:.3g} apart; close the path")
-    return close_loop(curves)
+    # A closing command leaves over what rounding made of the last point; that was not drawn.
+    drawn = lengths[:-1] if lengths[-1] <= ROUNDING * size else lengths
+    short = drawn[drawn <= NEGLIGIBLE * size]
+    if curves and len(short):
+        notes.append(
+            f"left out {len(short)} segments of {name}, the longest of {short.max():.3g}: they are shorter than "
+            f"{NEGLIGIBLE:g} of the diameter"
+        )
+    return curves
+
+
+def _loops(
+    closed: list[_Outline], pieces: list[_Outline], size: float, drawing: Drawing, notes: list[str], clean: bool
+) -> list[_Outline]:
+    """Closed outlines: those that are, those chained of pieces, and those that their filling closes."""
+    if clean:
+        pieces = _mended(pieces, notes)
+    chained, rest = _chained(pieces, TOLERANCE * size, notes)
+    # Lines that touch filled pieces do not keep these from closing.
+    lines = [piece for piece in rest if not piece.filled or piece.flat]
+    filled, rest = _chained([piece for piece in rest if piece.filled and not piece.flat], TOLERANCE * size, notes)
+    loops = closed + chained + filled
+    for group in _touching(rest, TOLERANCE * size):
+        if len(group) > 1:
+            _refuse(group, TOLERANCE * size)
+        (piece,) = group
+        last, first = piece.curves[-1].end, piece.curves[0].start
+        line = BSplineCurve([0.0, 0.0, 1.0, 1.0], 1, [last, first])
+        notes.append(f"closed {piece.name} by a line of {np.linalg.norm(last - first):.3g}, as its filling is")
+        loops.append(replace(piece, curves=[*piece.curves, line]))
+    if lines and not loops:
+        _refuse(lines, TOLERANCE * size)
+    for piece in lines:
+        drawing.leave_out(piece.name, "open, a line beside the outlines")
+    if any(loop.filled for loop in loops):
+        for loop in loops:
+            if not loop.filled:
+                drawing.leave_out(loop.name, STROKED)
+        loops = [loop for loop in loops if loop.filled]
+    return loops
+
+
+def _mended(pieces: list[_Outline], notes: list[str]) -> list[_Outline]:
+    """Pieces with small gaps between their ends closed."""
+    if not pieces:
+        return []
+    _, flat = mended(*_flat(pieces), notes)
+    rest = iter(flat)
+    return [replace(piece, curves=[next(rest) for _ in piece.curves]) for piece in pieces]
+
+
+def _flat(pieces: list[_Outline]) -> tuple[list[str], list[BSplineCurve]]:
+    return [piece.name for piece in pieces for _ in piece.curves], [c for piece in pieces for c in piece.curves]
+
+
+def _touching(pieces: list[_Outline], tolerance: float) -> list[list[_Outline]]:
+    """Groups of pieces with common end points, in the order of their first ones."""
+    if not pieces:
+        return []
+    ends = vertices([_chord(piece) for piece in pieces], tolerance)
+    first: dict[int, int] = {}
+    pairs = [(i, first.setdefault(v, i)) for i, pair in enumerate(ends) for v in pair]
+    label = components(len(pieces), *np.array(pairs).T).tolist()
+    groups: dict[int, list[_Outline]] = defaultdict(list)
+    for piece, group in zip(pieces, label, strict=True):
+        groups[group].append(piece)
+    return list(groups.values())
+
+
+def _chord(piece: _Outline) -> BSplineCurve:
+    return BSplineCurve([0.0, 0.0, 1.0, 1.0], 1, [piece.curves[0].start, piece.curves[-1].end])
+
+
+def _chained(pieces: list[_Outline], tolerance: float, notes: list[str]) -> tuple[list[_Outline], list[_Outline]]:
+    """Loops of pieces at whose every end two meet, and the other pieces."""
+    loops, rest = [], []
+    for group in _touching(pieces, tolerance):
+        meeting = Counter(v for pair in vertices([_chord(p) for p in group], tolerance) for v in pair)
+        if set(meeting.values()) != {2}:
+            rest += group
+            continue
+        (curves,) = chain(*_flat(group), tolerance)
+        filled, first = any(piece.filled for piece in group), group[0]
+        loops.append(_Outline(first.name, curves, filled, first.number))
+        if len(group) > 1:
+            notes.append(f"joined {len(group)} pieces to a loop: {first.name} to {group[-1].name}")
+    return loops, rest
+
+
+def _refuse(pieces: list[_Outline], tolerance: float) -> None:
+    """Raise the error of pieces that do not close."""
+    if len(pieces) == 1:
+        (piece,) = pieces
+        gap = float(np.linalg.norm(piece.curves[-1].end - piece.curves[0].start))
+        why = "" if piece.filled else " and only stroked"
+        raise InputError(f"{piece.name} is open{why}, its ends are {gap:.3g} apart; close the path or join its pieces")
+    chain(*_flat(pieces), tolerance)
+    raise AssertionError("pieces that do not close were chained")
