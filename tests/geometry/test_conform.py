@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import models
 import strategies
 from patchtransfer import Block, InputError, Interface, MultiPatch, Patch, Side, certify, conform
-from patchtransfer.geometry.nearest import nearest_on_curve
+from patchtransfer.geometry.conformity.nearest import nearest_on_curve
 from shapes import LINE, bicubic, cut, quad, reparameterized, turned
 
 quick = settings(max_examples=40, deadline=None)

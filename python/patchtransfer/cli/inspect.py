@@ -103,7 +103,7 @@ def refine(
 def check(file: str, json_path: str | None) -> None:
     """Topology, certificate, quality and continuity of the multi-patch FILE."""
     from .. import io
-    from ..geometry.coincidences import coincidences
+    from ..geometry.conformity.coincidences import coincidences
     from ..geometry.labels import plain
     from ..measure.continuity import check_continuity
     from ..measure.quality import quality

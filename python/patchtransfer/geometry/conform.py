@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from .coincidences import coincidences
+from .conformity.coincidences import coincidences
+from .conformity.welds import gaps
 from .mending import gap_in_words
 from .multipatch import MultiPatch
 from .tolerances import exact
-from .welds import gaps
 
 __all__ = ["Conformed", "conform"]
 

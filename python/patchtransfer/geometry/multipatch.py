@@ -18,7 +18,7 @@ from ..numeric.arrays import FloatArray, IntArray, frozen_array
 from . import display, exchange
 from .blocks import Block, renumbered
 from .boundary import Boundary
-from .conforming import Conforming, conforming
+from .conformity.conforming import Conforming, conforming
 from .interfaces import check_interfaces, infer_interfaces
 from .labels import Labels, checked
 from .location import locate

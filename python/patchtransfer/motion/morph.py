@@ -15,7 +15,7 @@ from typing import Any, overload
 import numpy as np
 
 from ..errors import InputError, TransferError
-from ..geometry.coincidences import between_parts
+from ..geometry.conformity.coincidences import between_parts
 from ..geometry.multipatch import MultiPatch
 from ..geometry.topology import Topology
 from ..mesh.background_mesh import TriangleMesh, source_mesh

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..continuity.g1 import check_g1_space
 from ..errors import InputError
-from ..geometry.coincidences import between_parts
+from ..geometry.conformity.coincidences import between_parts
 from ..geometry.multipatch import MultiPatch
 from ..interior.solver import CONTINUITY
 from ..proof.source_corners import certify_straight

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..geometry.coincidences import NAMED_GAP, WIDE_GAP, Coincidence, coincidences
+from ..geometry.conformity.coincidences import NAMED_GAP, WIDE_GAP, Coincidence, coincidences
 from ..geometry.multipatch import MultiPatch
 from ..geometry.sides import Side
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from ...errors import InputError, InputWarning
-from ...geometry.coincidences import widest
+from ...geometry.conformity.coincidences import widest
 from ...geometry.mending import conform_command
 from ...geometry.multipatch import MultiPatch
 from ...geometry.patch import Patch

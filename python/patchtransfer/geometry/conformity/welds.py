@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..numeric.arrays import FloatArray, IntArray
-from .combinatorics import identify
-from .mending import short
-from .patch import Patch
-from .sides import Interface
-from .tolerances import exact
+from ...numeric.arrays import FloatArray, IntArray
+from ..combinatorics import identify
+from ..mending import short
+from ..patch import Patch
+from ..sides import Interface
+from ..tolerances import exact
 from .weighting import along, unproportional
 
 __all__ = ["gaps", "welded"]

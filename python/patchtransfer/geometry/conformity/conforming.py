@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
-from ..limits import MAX_PATCHES, at_most
+from ...errors import InputError
+from ...limits import MAX_PATCHES, at_most
+from ..patch import Patch
+from ..sides import Interface, Side
+from ..strips import strips_of
+from ..tolerances import COINCIDENCE, diameter
 from .coincidences import OF_THICKNESS
 from .common_splines import with_common_splines
 from .cutting import Pieces
 from .overlaps import Overlap, SideOf, overlaps, whole_pairs
-from .patch import Patch
-from .sides import Interface, Side
-from .strips import strips_of
-from .tolerances import COINCIDENCE, diameter
 from .weighting import with_common_weights
 from .welds import welded
 

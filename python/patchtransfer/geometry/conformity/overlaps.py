@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..numeric.arrays import FloatArray, IntArray
-from .areas import enclosed_areas, sides_around
-from .basis import knot_spans
-from .curve import BSplineCurve
-from .interfaces import SAME_KNOT
+from ...numeric.arrays import FloatArray, IntArray
+from ..areas import enclosed_areas, sides_around
+from ..basis import knot_spans
+from ..curve import BSplineCurve
+from ..interfaces import SAME_KNOT
+from ..patch import Patch
+from ..sides import CORNERS, Side
+from ..tolerances import OF_THICKNESS, point_tree, scaled, thickness, thinnest, tolerances
 from .nearest import nearest_on_curve
-from .patch import Patch
-from .sides import CORNERS, Side
-from .tolerances import OF_THICKNESS, point_tree, scaled, thickness, thinnest, tolerances
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

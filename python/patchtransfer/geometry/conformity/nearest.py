@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..numeric.arrays import FloatArray
-from .basis import knot_spans
-from .curve import BSplineCurve
+from ...numeric.arrays import FloatArray
+from ..basis import knot_spans
+from ..curve import BSplineCurve
 
 __all__ = ["nearest_on_curve"]
 

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..numeric.arrays import FloatArray
-from .mending import OTHER_CURVE, conform_command, short
+from ...numeric.arrays import FloatArray
+from ..mending import OTHER_CURVE, conform_command, short
+from ..patch import Patch
+from ..sides import Interface
+from ..tolerances import diameter, exact
 from .overlaps import Overlap, SideOf, overlaps, whole_pairs
-from .patch import Patch
-from .sides import Interface
-from .tolerances import diameter, exact
 
 __all__ = ["NAMED_GAP", "OF_THICKNESS", "WIDE_GAP", "Coincidence", "between_parts", "coincidences", "widest"]
 

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..numeric.arrays import FloatArray
-from .basis import elevate, reverse_knots
+from ...numeric.arrays import FloatArray
+from ..basis import elevate, reverse_knots
+from ..patch import Patch
+from ..sides import Interface
+from ..strips import Strip, strips_of
+from ..topology import knot_gap
 from .overlaps import missing_knots
-from .patch import Patch
-from .sides import Interface
-from .strips import Strip, strips_of
-from .topology import knot_gap
 
 __all__ = ["with_common_splines"]
 

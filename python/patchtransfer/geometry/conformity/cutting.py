@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..numeric.arrays import FloatArray
-from .patch import Patch
-from .sides import Interface, Side
+from ...numeric.arrays import FloatArray
+from ..patch import Patch
+from ..sides import Interface, Side
 
 __all__ = ["Pieces"]
 

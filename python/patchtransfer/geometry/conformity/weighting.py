@@ -7,10 +7,10 @@ from fractions import Fraction
 
 import numpy as np
 
-from ..numeric.arrays import FloatArray
-from ..numeric.components import components
-from .patch import Patch
-from .sides import Interface
+from ...numeric.arrays import FloatArray
+from ...numeric.components import components
+from ..patch import Patch
+from ..sides import Interface
 
 __all__ = ["along", "unproportional", "with_common_weights"]
 
