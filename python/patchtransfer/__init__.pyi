@@ -12,6 +12,8 @@ from .errors import InputWarning as InputWarning
 from .errors import TransferError as TransferError
 from .geometry.blocks import Block as Block
 from .geometry.boundary import Boundary as Boundary
+from .geometry.conform import Conformed as Conformed
+from .geometry.conform import conform as conform
 from .geometry.curve import BSplineCurve as BSplineCurve
 from .geometry.multipatch import MultiPatch as MultiPatch
 from .geometry.patch import Patch as Patch

@@ -222,7 +222,7 @@ QUADRATIC = B.elevate()
         ([A, cell(1.01, 0)], [Interface(0, Side.EAST, 1, Side.WEST, False)], "patch 0 east - patch 1 west.*0.01 apart"),
         ([A, B], [Interface(0, Side.EAST, 1, Side.WEST, True)], "patch 0 east - patch 1 west.*apart"),
         ([A, B], [Interface(0, Side.NORTH, 1, Side.WEST, False)], "patch 0 north - patch 1 west.*apart"),
-        ([A, FINE], [Interface(0, Side.EAST, 1, Side.WEST, False)], "patch 0 east - patch 1 west.*degrees or knots"),
+        ([A, FINE], [Interface(0, Side.EAST, 1, Side.WEST, False)], "east - patch 1 west.*knots differ: 1 and 2 spans"),
         ([A, QUADRATIC], [Interface(0, Side.EAST, 1, Side.WEST, False)], "patch 0 east - patch 1 west.*degrees"),
         (
             [A.insert_knots(1, [0.4]), FINE],

@@ -34,27 +34,67 @@ __all__ = ["check", "plot", "refine"]
 @click.option("--elevate", type=click.IntRange(0, 10), default=0, metavar="N", help="Raise all degrees by N.")
 @click.option("--split", type=click.IntRange(1, 64), default=1, metavar="N", help="Cut every knot span into N.")
 @click.option("--smoothness", type=click.IntRange(0), metavar="R", help="Repeat inner knots until C^R.")
-def refine(file: str, output: str, elevate: int, split: int, smoothness: int | None) -> None:
+@click.option(
+    "--conform",
+    is_flag=True,
+    help="Make patches agree where their sides coincide: elevation, knot insertion, splits at T-junctions.",
+)
+@click.option(
+    "--weld",
+    type=float,
+    metavar="TOL",
+    help="With --conform: close gaps up to this length, in the model's unit, by moving both sides.",
+)
+@json_option
+def refine(
+    file: str,
+    output: str,
+    elevate: int,
+    split: int,
+    smoothness: int | None,
+    conform: bool,
+    weld: float | None,
+    json_path: str | None,
+) -> None:
     """Raise degrees, split knot spans or repeat knots of the multi-patch FILE; its geometry stays.
 
-    Straight corners whose det J is negative by rounding are put straight, with a note.
+    With --conform patches with different splines along a side, or with T-junctions, are made to agree first; only
+    --weld moves what is more than rounding apart. Straight corners whose det J is negative by rounding are put
+    straight, with a note.
     """
     from .. import io
+    from ..geometry.conform import conform as conformed
     from ..proof.source_corners import certify_straight
 
-    with failures(Report(None)):
-        check_outputs(model=output)
-        keep_inputs([file], [output])
+    report = Report(json_path)
+    with failures(report):
+        check_outputs(model=output, report=json_path)
+        keep_inputs([file], [output, json_path])
+        if weld is not None and not conform:
+            raise InputError("--weld closes gaps with --conform only; give both")
         model = io.read(file)
+        done = conformed(model, weld=weld or 0.0) if conform else None
+        model, left = (model, ()) if done is None else (done.multipatch, done.left)
         _check_size(model, elevate, split)
         model = (model.elevate(elevate) if elevate else model).split_spans(split)
         model = model if smoothness is None else model.reduce_continuity(smoothness)
         # Rounding takes straight corners to either side of straight.
-        model, _, notes = certify_straight(model)
-        with all_or_nothing(output):
+        model, certificate, notes = certify_straight(model)
+        content = {
+            "conform": None if done is None else done.to_dict(),
+            "certificate": certificate.to_dict(),
+            "warnings": [*left, *notes],
+            "error": None,
+        }
+        with all_or_nothing(output, json_path):
             io.write(model, output)
-            say(f"{model!r} written to {output}")
-    warn(notes)
+            report.write(content)
+            if json_path != "-":
+                if done is not None:
+                    moved = f"points moved by at most {done.moved:.3g}" if done.moved else "no point moved"
+                    say(*done.notes, f"{moved}; {certificate}")
+                say(f"{model!r} written to {output}")
+    warn([*left, *notes])
 
 
 @click.command()
@@ -63,6 +103,7 @@ def refine(file: str, output: str, elevate: int, split: int, smoothness: int | N
 def check(file: str, json_path: str | None) -> None:
     """Topology, certificate, quality and continuity of the multi-patch FILE."""
     from .. import io
+    from ..geometry.conformity.coincidences import coincidences
     from ..geometry.labels import plain
     from ..measure.continuity import check_continuity
     from ..measure.quality import quality
@@ -75,19 +116,21 @@ def check(file: str, json_path: str | None) -> None:
         model = io.read(file)
         certificate = certify(model)
         degenerate = [(cell.patch, cell.corner) for cell in certificate.cells if cell.kind == "degenerate"]
+        unglued = [c.text for c in coincidences(model.patches, model.interfaces)]
         content = {
             "topology": _topology(model),
             "labels": plain(model.sides),
             "certificate": certificate.to_dict(),
             "quality": quality(model, exclude=degenerate).to_dict(),
             "continuity": check_continuity(model).to_dict(),
+            "unglued": unglued,
             "error": None,
         }
         with all_or_nothing(json_path):
             report.write(content)
             if json_path != "-":
                 summary(content, None)
-                say(*certificate.reasons)
+                say(*certificate.reasons, *(text for text in unglued if text not in certificate.reasons))
     sys.exit(0 if certificate.injective else NOT_CERTIFIED)
 
 

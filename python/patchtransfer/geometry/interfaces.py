@@ -9,51 +9,49 @@ of those that touch the ends of the sides.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import InputError
-from ..numeric.arrays import FloatArray, IntArray
-from .basis import reverse_knots
+from ..numeric.arrays import FloatArray
+from .basis import knot_spans, reverse_knots
+from .mending import conform_command
 from .patch import Patch
 from .sides import CORNERS, Interface, Side
+from .tolerances import OF_THICKNESS, point_tree, scaled, thickness, thinnest, tolerances
 
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
+__all__ = ["SAME_KNOT", "Misfit", "check_interfaces", "infer_interfaces", "misfits"]
 
-__all__ = ["Misfit", "check_interfaces", "infer_interfaces", "misfits"]
-
-#: Control points of one point may differ by this much, relative to the model's diameter: the last of six digits.
-COINCIDENCE = 1e-5
-#: ... and by this part of the thickness of the patches. A straight patch's own opposite sides are twice it apart.
-OF_THICKNESS = 0.5
-#: ... but always by this many units of roundoff of the largest coordinate: sides that were computed one by one.
-ROUNDING_ULPS = 16.0
 #: Sides that are compared with a side, those with the nearest middles. In a valid model one coincides; files with
 #: thousands of copies of a patch must not take thousands of comparisons a side.
 NEAREST = 16
-#: Patch corners that are looked at around the end of a side: more than meet in any point of a valid model.
-NEAREST_CORNERS = 64
+#: Knots are the same if they differ by less, with parameters mapped to [0, 1].
+SAME_KNOT = 1e-9
 
 
 class Misfit(NamedTuple):
     """An interface that does not fit its patches: its number, what is wrong ("names", "knots" or "gap"), and a line.
 
-    `gap` is how far apart the sides are: their control points, or their ends where the knots differ.
+    `gap` is how far apart the sides are: their control points, or their ends where the knots differ. `meant`
+    says whether that is less than the patches are thick: else the sides are hardly those that were meant.
     """
 
     number: int
     kind: str
     reason: str
     gap: float = 0.0
+    meant: bool = True
 
-
-ADVICE = {
-    "names": "; correct it",
-    "knots": "; make the patches conform first",
-    "gap": "; mend the file, or leave the interfaces out to have them inferred",
-}
+    @property
+    def advice(self) -> str:
+        """What to do about it."""
+        if self.kind == "names":
+            return "correct it"
+        if not self.meant:
+            return "name the sides that meet, or leave the interfaces out to have them found"
+        command = conform_command(self.gap if self.kind == "gap" else 0.0)
+        return f"leave it out and run `{command}`, or take MultiPatch.conform"
 
 
 class _Sides(NamedTuple):
@@ -84,23 +82,23 @@ def infer_interfaces(patches: Sequence[Patch], tolerance: float | None = None) -
     tuple of Interface
         In the order of the patches.
     """
-    nets, unit = _scaled(patches)
-    largest, rounding = _tolerances(nets)
+    nets, unit = scaled(patches)
+    largest, rounding = tolerances(nets)
     largest = largest if tolerance is None else tolerance / unit
-    thickness = np.array([_thickness(net, rounding) for net in nets])
-    sides = _sides(nets, thickness)
+    thick = np.array([thickness(net, rounding) for net in nets])
+    sides = _sides(nets, thick)
     corners = np.array([net[corner] for net in nets for corner in CORNERS])
-    tree = _tree(corners)
+    tree = point_tree(corners)
     found: list[Interface] = []
     used: set[int] = set()
     for gap, i, j, backwards in sorted(_coinciding(sides, largest, rounding)):
         if i in used or j in used:
             continue
-        if i // 4 == j // 4 and not gap < OF_THICKNESS * thickness[i // 4]:
+        if i // 4 == j // 4 and not gap < OF_THICKNESS * thick[i // 4]:
             continue
         if gap > rounding:
             ends = np.concatenate([sides.points[i][[0, -1]], sides.points[j][[0, -1]]])
-            if gap > OF_THICKNESS * _thinnest(tree, ends, 2 * gap, thickness):
+            if gap > OF_THICKNESS * thinnest(tree, ends, 2 * gap, thick):
                 continue
         used |= {i, j}
         found.append(Interface(i // 4, Side(i % 4 + 1), j // 4, Side(j % 4 + 1), backwards))
@@ -113,13 +111,13 @@ def check_interfaces(patches: Sequence[Patch], interfaces: Sequence[Interface]) 
     Gaps may be as large as `infer_interfaces` bridges.
     """
     for misfit in misfits(patches, interfaces):
-        raise InputError(f"{misfit.reason}{ADVICE[misfit.kind]}")
+        raise InputError(f"{misfit.reason}; {misfit.advice}")
 
 
 def misfits(patches: Sequence[Patch], interfaces: Sequence[Interface]) -> Iterator[Misfit]:
     """Interfaces that do not fit the patches, in their order."""
     points = np.concatenate([p.control_points.reshape(-1, 2) for p in patches])
-    largest, rounding = _tolerances([points])
+    largest, rounding = tolerances([points])
     used: set[tuple[int, Side]] = set()
     for i, f in enumerate(interfaces):
         stray = [k for k in (f.patch_a, f.patch_b) if not 0 <= k < len(patches)]
@@ -136,9 +134,11 @@ def misfits(patches: Sequence[Patch], interfaces: Sequence[Interface]) -> Iterat
             continue
         a, b = patches[f.patch_a], patches[f.patch_b]
         if reason := _other_knots(f, a, b):
-            yield Misfit(i, "knots", f"{name}: {reason}", _distance(f, a, b, ends_only=True))
+            gap = _distance(f, a, b, ends_only=True)
+            yield Misfit(i, "knots", f"{name}: {reason}", gap, _meant(f, gap, a, b))
         elif reason := _gap(f, a, b, largest, rounding):
-            yield Misfit(i, "gap", f"{name}: {reason}", _distance(f, a, b))
+            gap = _distance(f, a, b)
+            yield Misfit(i, "gap", f"{name}: {reason}", gap, _meant(f, gap, a, b))
 
 
 def _gap(f: Interface, a: Patch, b: Patch, largest: float, rounding: float) -> str | None:
@@ -146,13 +146,19 @@ def _gap(f: Interface, a: Patch, b: Patch, largest: float, rounding: float) -> s
     gap = _distance(f, a, b)
     # The thickness is asked for only where something differs: most sides are equal to the bit.
     if gap > 0 and (gap > rounding or f.patch_a == f.patch_b):
-        nets, unit = _scaled((a, b))
-        thin = unit * OF_THICKNESS * min(_thickness(net, rounding / unit) for net in nets)
+        nets, unit = scaled((a, b))
+        thin = unit * OF_THICKNESS * min(thickness(net, rounding / unit) for net in nets)
         tolerance = min(largest, thin)
         if gap > tolerance:
             what = "" if tolerance == largest else f", half the thickness of patch {_thinner(f, nets)}"
             return f"control points are {gap:.3g} apart (tolerance {tolerance:.3g}{what})"
     return None
+
+
+def _meant(f: Interface, gap: float, a: Patch, b: Patch) -> bool:
+    """Whether two sides are nearer to each other than their patches are thick."""
+    nets, unit = scaled((a, b))
+    return f.patch_a != f.patch_b and gap <= unit * min(thickness(net, 0.0) for net in nets)
 
 
 def _distance(f: Interface, a: Patch, b: Patch, ends_only: bool = False) -> float:
@@ -169,61 +175,35 @@ def _other_knots(f: Interface, a: Patch, b: Patch) -> str | None:
     knots_b = reverse_knots(b.knots[axis_b]) if f.reversed else b.knots[axis_b]
     knots_a, length = a.knots[axis_a], np.ptp(a.knots[axis_a])
     if a.degrees[axis_a] != b.degrees[axis_b] or len(knots_a) != len(knots_b):
-        return "degrees or knots differ along it"
-    if np.abs((knots_a - knots_a[0]) / length - (knots_b - knots_b[0]) / np.ptp(knots_b)).max() > 1e-9:
-        return "knots differ along it"
+        return _differences(a, b, axis_a, axis_b)
+    if np.abs((knots_a - knots_a[0]) / length - (knots_b - knots_b[0]) / np.ptp(knots_b)).max() > SAME_KNOT:
+        return _differences(a, b, axis_a, axis_b)
     return None
 
 
-def _scaled(patches: Sequence[Patch]) -> tuple[list[FloatArray], float]:
-    """Control points by a power of two of the largest coordinate: areas neither over- nor underflow."""
-    size = max(float(np.abs(p.control_points).max()) for p in patches)
-    # Kept off the ends of the range, where the power itself would overflow.
-    unit = float(np.ldexp(1.0, int(np.clip(np.frexp(size)[1], -1000, 1000))))
-    return [p.control_points / unit for p in patches], unit
-
-
-def _tolerances(nets: Sequence[FloatArray]) -> tuple[float, float]:
-    """Largest gap by the model's diameter, and the gap that rounding of its coordinates explains."""
-    points = np.concatenate([net.reshape(-1, 2) for net in nets])
-    diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
-    rounding = ROUNDING_ULPS * float(np.finfo(float).eps) * float(np.abs(points).max())
-    return COINCIDENCE * diameter, rounding
-
-
-def _thickness(net: FloatArray, rounding: float) -> float:
-    """Area of a control net by its circumference, or the shortest side if that is less and no point.
-
-    Moving a side by less than the former cannot take the area away, by less than the latter cannot turn the side.
-    """
-    a, b, c, d = net[:-1, :-1], net[1:, :-1], net[1:, 1:], net[:-1, 1:]
-    area = 0.5 * float(sum(np.abs(_cross(q - p, r - p)).sum() for p, q, r in ((a, b, c), (a, c, d))))
-    lengths = [float(np.hypot(*np.diff(side.of(net), axis=0).T).sum()) for side in Side]
-    around = sum(lengths)
-    if around == 0:
-        return 0.0
-    return min([area / around, *(length for length in lengths if length > rounding)])
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+def _differences(a: Patch, b: Patch, axis_a: int, axis_b: int) -> str:
+    p, q = a.degrees[axis_a], b.degrees[axis_b]
+    if p != q:
+        return f"degrees differ: {p} and {q}"
+    m, n = (len(knot_spans(patch.knots[axis])) - 1 for patch, axis in ((a, axis_a), (b, axis_b)))
+    return f"knots differ: {m} and {n} spans" + (", but not the same ones" if m == n else "")
 
 
 def _thinner(f: Interface, nets: Sequence[FloatArray]) -> int:
-    return min(zip(nets, (f.patch_a, f.patch_b), strict=True), key=lambda pair: _thickness(pair[0], 0.0))[1]
+    return min(zip(nets, (f.patch_a, f.patch_b), strict=True), key=lambda pair: thickness(pair[0], 0.0))[1]
 
 
-def _sides(nets: Sequence[FloatArray], thickness: FloatArray) -> _Sides:
+def _sides(nets: Sequence[FloatArray], thick: FloatArray) -> _Sides:
     points = [side.of(net) for net in nets for side in Side]
     middles = np.array([[*(p[0] + p[-1]) / 2, *p.mean(axis=0)] for p in points])
-    return _Sides(points, middles, np.repeat(thickness, 4))
+    return _Sides(points, middles, np.repeat(thick, 4))
 
 
 def _coinciding(sides: _Sides, largest: float, rounding: float) -> Iterator[tuple[float, int, int, bool]]:
     """Pairs of sides that may be one by the thickness of their own patches: gap, sides, whether backwards."""
     reach = np.maximum(np.minimum(largest, OF_THICKNESS * sides.thickness), rounding)
     nearest = min(NEAREST, len(sides.points))
-    _, neighbours = _tree(sides.middles).query(sides.middles, nearest, p=np.inf, distance_upper_bound=reach.max())
+    _, neighbours = point_tree(sides.middles).query(sides.middles, nearest, p=np.inf, distance_upper_bound=reach.max())
     # Missing neighbours have the number n.
     pairs = {
         (min(i, j), max(i, j))
@@ -237,18 +217,3 @@ def _coinciding(sides: _Sides, largest: float, rounding: float) -> Iterator[tupl
         # A side that is a point has nothing to glue.
         if gap <= min(reach[i], reach[j]) and np.ptp(a, axis=0).max() > max(2 * gap, rounding):
             yield gap, i, j, backwards
-
-
-def _tree(points: FloatArray) -> cKDTree:
-    # Only models without a list of interfaces need it, and it takes as long to load as to check them.
-    from scipy.spatial import cKDTree
-
-    return cKDTree(points)
-
-
-def _thinnest(tree: cKDTree, ends: FloatArray, radius: float, thickness: FloatArray) -> float:
-    """Smallest thickness of the patches with a corner near one of the points."""
-    nearest = min(NEAREST_CORNERS, tree.n)
-    _, corners = tree.query(ends, nearest, p=np.inf, distance_upper_bound=radius)
-    found: IntArray = np.unique(np.asarray(corners, dtype=np.int64))
-    return float(thickness[found[found < tree.n] // 4].min())

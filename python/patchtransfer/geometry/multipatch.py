@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,11 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._core import Locator
-from ..errors import InputError
+from ..errors import InputError, InputWarning
 from ..numeric.arrays import FloatArray, IntArray, frozen_array
 from . import display, exchange
-from .blocks import Block
+from .blocks import Block, renumbered
 from .boundary import Boundary
+from .conformity.conforming import Conforming, conforming
 from .interfaces import check_interfaces, infer_interfaces
 from .labels import Labels, checked
 from .location import locate
@@ -234,6 +236,59 @@ class MultiPatch:
     def reduce_continuity(self, smoothness: int) -> MultiPatch:
         """The same geometry with inner knots repeated until splines are only C^smoothness there."""
         return self._in_other_space(lambda patch: patch.reduce_continuity(smoothness))
+
+    def conform(self, *, weld: float = 0.0) -> MultiPatch:
+        """The same domain with patches that agree exactly along all sides that coincide.
+
+        Degrees are raised and knots inserted through whole strips, where patches meet with other splines; patches are
+        split where sides meet a part of another one (T-junctions), along a parameter line through the whole strip;
+        gaps up to `weld` are closed by moving both sides to their mean. Nothing else moves. Labels go to all pieces of
+        a side; first pieces keep number and identifier of their patch, further ones follow at the end. What was done
+        and what was left is told by `patchtransfer.conform`.
+
+        Parameters
+        ----------
+        weld : float, default 0
+            Length up to which gaps are closed, in the model's unit; rounding always is. No patch moves by more than a
+            quarter of its thickness.
+
+        Returns
+        -------
+        MultiPatch
+            This one if nothing is to be done.
+
+        Raises
+        ------
+        InputError
+            When `weld` is negative or not finite, or splits go round in a spiral without end.
+
+        Examples
+        --------
+        >>> from patchtransfer import Patch
+        >>> knots = ([0, 0, 1, 1], [0, 0, 1, 1])
+        >>> left = Patch(knots, (1, 1), [[[0, 0], [0, 1]], [[1, 0], [1, 1]]])
+        >>> right = Patch(knots, (1, 1), [[[1, 0], [1, 1]], [[2, 0], [2, 1]]]).insert_knots(1, [0.3])
+        >>> mp = MultiPatch([left, right])
+        >>> len(mp.interfaces), len(mp.conform().interfaces)
+        (0, 1)
+        """
+        mended, _, lost = self._conformed(weld)
+        for line in lost:
+            warnings.warn(line, InputWarning, stacklevel=2)
+        return mended
+
+    def _conformed(self, weld: float) -> tuple[MultiPatch, Conforming, list[str]]:
+        """The multi-patch that conforms, how it was made, and what in its blocks could not follow."""
+        if not 0 <= weld < np.inf:
+            raise InputError(f"weld is a length, 0 or more, not {weld!r}")
+        made = conforming(self.patches, self.interfaces, weld)
+        if made.patches == list(self.patches) and made.interfaces == list(self.interfaces):
+            return self, made, []
+        first = max(self.ids) + 1
+        ids = [*self.ids, *range(first, first + len(made.patches) - len(self.ids))]
+        labels = {name: [part for side in sides for part in made.parts[side]] for name, sides in self.sides.items()}
+        blocks, lost = renumbered(self.blocks, made.parts) if len(made.patches) > len(self) else (self.blocks, [])
+        return MultiPatch(made.patches, made.interfaces, ids, labels, blocks), made, lost
 
     def _in_other_space(self, change: Callable[[Patch], Patch]) -> MultiPatch:
         """The multi-patch of changed patches; rounding may part glued points, so they are welded where they agreed."""

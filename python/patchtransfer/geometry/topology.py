@@ -23,7 +23,7 @@ from .curve import BSplineCurve
 from .patch import Patch
 from .sides import CORNERS, Interface, Side
 
-__all__ = ["BoundarySide", "Spoke", "Topology", "Vertex"]
+__all__ = ["BoundarySide", "Spoke", "Topology", "Vertex", "knot_gap"]
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ class Topology:
             [self.patches[k].knots[side.axis].tobytes() for k, side in ((f.patch_a, f.side_a), (f.patch_b, f.side_b))]
             for f in self.interfaces
         ]
-        return tuple(_knot_gap(a, b, f.reversed) for f, (a, b) in zip(self.interfaces, sides, strict=True))
+        return tuple(knot_gap(a, b, f.reversed) for f, (a, b) in zip(self.interfaces, sides, strict=True))
 
     @Quantity
     def boundary_points(self) -> IntArray:
@@ -340,7 +340,7 @@ class Topology:
 
 
 @lru_cache(maxsize=256)
-def _knot_gap(bytes_a: bytes, bytes_b: bytes, backwards: bool) -> float:
+def knot_gap(bytes_a: bytes, bytes_b: bytes, backwards: bool) -> float:
     """Largest difference of knots mapped to [0, 1]: exactly, for whether it is zero decides on the certificate."""
     if bytes_a == bytes_b and not backwards:
         return 0.0

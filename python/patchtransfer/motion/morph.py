@@ -15,6 +15,7 @@ from typing import Any, overload
 import numpy as np
 
 from ..errors import InputError, TransferError
+from ..geometry.conformity.coincidences import between_parts
 from ..geometry.multipatch import MultiPatch
 from ..geometry.topology import Topology
 from ..mesh.background_mesh import TriangleMesh, source_mesh
@@ -256,10 +257,9 @@ class _Blend:
     def rigid(self, t: float) -> FloatArray:
         if self._rigid is None:
             if self._a.n_components != 1:
-                raise InputError(
-                    f"the models have {self._a.n_components} separate parts (are interfaces missing?), which cannot be "
-                    "blended rigidly; morph them one by one"
-                )
+                why = between_parts(self._a.patches, self._a.interfaces)
+                parts = f"{self._a.n_components} separate parts"
+                raise InputError(f"the models cannot be blended rigidly, for they have {parts}{why}")
             forth, _ = source_mesh(self._a)
             moved = self._models[0].with_shared_points(self._rest)
             back, _ = source_mesh(moved.topology)

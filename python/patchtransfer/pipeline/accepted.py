@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..continuity.g1 import check_g1_space
 from ..errors import InputError
+from ..geometry.conformity.coincidences import between_parts
 from ..geometry.multipatch import MultiPatch
 from ..interior.solver import CONTINUITY
 from ..proof.source_corners import certify_straight
@@ -34,9 +35,8 @@ def accepted(source: MultiPatch, continuity: str) -> tuple[MultiPatch, list[str]
         check_g1_space(source)
     topology = source.topology
     if topology.n_components != 1:
-        raise InputError(
-            f"the source has {topology.n_components} separate parts (are interfaces missing?); transfer them one by one"
-        )
+        why = between_parts(source.patches, source.interfaces)
+        raise InputError(f"the source has {topology.n_components} separate parts{why}")
     welded, certificate, notes = certify_straight(source.with_shared_points(topology.coordinates))
     if not certificate.injective:
         raise InputError(f"the source is not an injective parameterization: {'; '.join(certificate.reasons)}")

@@ -20,17 +20,23 @@ rounding, for the common ones that the notes name (`welding`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from .._core import MAX_DEGREE, certify_loops, certify_patches
 from ..errors import InputError
+from ..geometry.conformity.weighting import with_common_weights
+from ..geometry.conformity.welds import gaps
 from ..geometry.curve import BSplineCurve
+from ..geometry.mending import OTHER_CURVE, conform_command
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
-from ..geometry.sides import Side
+from ..geometry.sides import Interface, Side
+from ..geometry.tolerances import exact
 from ..numeric.arrays import finite_or_none
+from .unglued import unglued
 from .welding import Welded, in_own_knots, weld
 
 if TYPE_CHECKING:
@@ -365,19 +371,26 @@ def _gluing(welded: Welded, positive: Sequence[bool]) -> list[tuple[str, str]]:
     multipatch = welded.multipatch
     folded_over, findings = multipatch.topology.folded_over, []
     sides = zip(multipatch.interfaces, welded.point_gaps, welded.weight_gaps, welded.knot_gaps, strict=True)
-    for i, (f, *gaps) in enumerate(sides):
+    for i, (f, *sizes) in enumerate(sides):
         if i in folded_over:
             kind = "folded" if positive[f.patch_a] and positive[f.patch_b] else "undecided"
             text = "the patches lie on the same side of it, one folds back on the other"
             findings.append((kind, f"interface {f.name}: {text}"))
-        for what, size in zip(("control points", "weights", "knots"), gaps, strict=True):
-            if size != 0.0:
-                text = (
-                    f"{what} of the two sides differ by {size:.3g}; take one side's numbers for both (a MultiPatch "
-                    "rewritten by patchtransfer has bit-equal interfaces)"
-                )
-                findings.append(("undecided", f"interface {f.name}: {text}"))
+        differing = zip(("control points", "weights", "knots"), sizes, strict=True)
+        differences = [f"{what} of the two sides differ by {size:.3g}" for what, size in differing if size != 0.0]
+        if differences:
+            findings.append(
+                ("undecided", f"interface {f.name}: {' and '.join(differences)}; {_mend(multipatch.patches, f)}")
+            )
     return findings
+
+
+def _mend(patches: Sequence[Patch], f: Interface) -> str:
+    """How to make the sides of an interface agree."""
+    (gap,) = gaps(with_common_weights(patches, [f])[0], [f])
+    if gap == math.inf:
+        return OTHER_CURVE
+    return f"run `{conform_command(gap if gap > exact(patches) else 0.0)}`"
 
 
 def check_boundary(loops: Iterable[Iterable[BSplineCurve]], known: BoundaryReport | None = None) -> BoundaryReport:
@@ -426,9 +439,19 @@ def _boundary(welded: Welded, known: BoundaryReport | None) -> tuple[BoundaryRep
     try:
         loops = welded.multipatch.loops
     except InputError as error:
-        return BoundaryReport(None, (), (), (), (str(error),)), [("undecided", str(error))]
+        report = BoundaryReport(None, (), (), (), (str(error),))
+        return report, [("undecided", reason) for reason in (*unglued(welded.multipatch, [])[0], str(error))]
     report = check_boundary(([side.curve(welded.patches) for side in loop] for loop in loops), known)
     if report.simple:
         return report, []
     kind = "folded" if report.simple is False else "undecided"
-    return report, [(kind, reason) for reason in report.reasons]
+    sides = [[(side.patch, side.side) for side in loop] for loop in loops]
+    meetings = [(sides[m.a[0]][m.a[1]], sides[m.b[0]][m.b[1]], m.point) for m in report.crossings]
+    named, explained = unglued(welded.multipatch, meetings)
+    if not explained:
+        return report, [(kind, reason) for reason in (*named, *report.reasons)]
+    # What sides have to do with each other says more than all the places where they touch.
+    first, *between = (str(report.crossings[i]) for i in sorted(explained))
+    others = [str(m) for i, m in enumerate(report.crossings) if i not in explained]
+    more = f" (and {len(between)} places more between these sides)" if between else ""
+    return report, [(kind, reason) for reason in (*named, *others, first + more)]

@@ -9,7 +9,8 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from ...errors import InputError, InputWarning
-from ...geometry.interfaces import ADVICE
+from ...geometry.conformity.coincidences import widest
+from ...geometry.mending import conform_command
 from ...geometry.multipatch import MultiPatch
 from ...geometry.patch import Patch
 from ...geometry.sides import Interface, Side
@@ -175,11 +176,11 @@ def _fitting(patches: list[Patch], reading: Reading) -> list[Interface]:
         near = NEAR * MultiPatch(patches, ()).diameter
         for misfit in found:
             if misfit.kind == "names" or misfit.gap > near:
-                raise InputError(f"{misfit.reason}{ADVICE[misfit.kind]}")
-        kinds = {misfit.kind for misfit in found}
-        gap = max((misfit.gap for misfit in found if misfit.kind == "gap"), default=0.0)
-        options = (["--conform"] if "knots" in kinds else []) + ([f"--weld {1.1 * gap:.2g}"] if "gap" in kinds else [])
+                raise InputError(f"{misfit.reason}; {misfit.advice}")
+        apart = {misfit.number for misfit in found}
+        kept = [f for i, f in enumerate(reading.interfaces) if i not in apart]
+        gap = max(widest(patches, kept), *(misfit.gap for misfit in found if misfit.kind == "gap"), 0.0)
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-        _warn(f"{found[0].reason}{more}: left apart; `patchtransfer refine {' '.join(options)}` mends it")
-    apart = {misfit.number for misfit in found}
-    return [f for i, f in enumerate(reading.interfaces) if i not in apart]
+        _warn(f"{found[0].reason}{more}: left apart; `{conform_command(gap)}` mends it")
+        return kept
+    return reading.interfaces
