@@ -44,6 +44,7 @@ def shown() -> dict[str, list[object]]:
             batch.BatchRow("a.svg", "certified", True),
         ],
         "Certificate": [result.certificate, result.certificate.boundary, bad, *bad.cells],
+        "Conformed": [pt.conform(mp)],
         "ContinuityReport": [result.continuity, result.continuity.kink_deg],
         "Deformer": [deformer],
         "DeformResult": [deformer.deform([[*x, *x]])],

@@ -212,8 +212,8 @@ def test_refusals_say_what_to_do():
         iga.biharmonic(mp, exact=lambda x, y: x)
     with pytest.raises(pt.InputError, match=r"boundary gradient on .* side of patch 0: NaN"):
         iga.biharmonic(mp, lambda x, y: 0.0, lambda x, y: x, gradient=lambda x, y: (x, np.full_like(x, np.nan)))
-    flat = pt.Patch(([0, 0, 1, 1],) * 2, (1, 1), [[[0, 0], [0, 1]], [[1, 0], [1, 1]]], np.full((2, 2), 2.0))
-    other = pt.Patch(([0, 0, 1, 1],) * 2, (1, 1), [[[1, 0], [1, 1]], [[2, 0], [2, 1]]], np.full((2, 2), 2.0))
+    flat = pt.Patch(([0, 0, 1, 1],) * 2, (1, 1), [[[0, 0], [0, 1]], [[1, 0], [1, 1]]], [[1.0, 2.0], [1.0, 2.0]])
+    other = pt.Patch(([0, 0, 1, 1],) * 2, (1, 1), [[[1, 0], [1, 1]], [[2, 0], [2, 1]]], [[1.0, 2.0], [1.0, 2.0]])
     with pytest.raises(pt.InputError, match="rational"):
         iga.biharmonic(pt.MultiPatch([flat, other]))
     with pytest.raises(pt.InputError, match="patch 0 is rational"):

@@ -176,7 +176,19 @@ def test_bad_input():
     with pytest.raises(InputError, match="knots of patch 0"):
         morph(single, MultiPatch([Patch(knots, p.degrees, p.control_points)]))
     with pytest.raises(InputError, match="weights of patch 0"):
-        morph(single, MultiPatch([Patch(p.knots, p.degrees, p.control_points, np.ones(p.shape))]))
+        morph(
+            single,
+            MultiPatch(
+                [
+                    Patch(
+                        p.knots,
+                        p.degrees,
+                        p.control_points,
+                        1 + np.arange(p.shape[0] * p.shape[1]).reshape(p.shape) % 2,
+                    )
+                ]
+            ),
+        )
     with pytest.raises(InputError, match="mirrored"):
         morph(single, MultiPatch([p.with_control_points(p.control_points * [-1, 1])]))
 

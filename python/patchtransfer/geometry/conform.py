@@ -14,7 +14,7 @@ from .tolerances import exact
 __all__ = ["Conformed", "conform"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Conformed:
     """Outcome of `conform`.
 
@@ -37,6 +37,9 @@ class Conformed:
     left: tuple[str, ...]
     moved: float
     origins: tuple[int, ...]
+
+    def __repr__(self) -> str:
+        return f"<Conformed: {len(self.multipatch)} patches, {len(self.notes)} changes, {len(self.left)} left>"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON: notes, left, moved, origins."""

@@ -18,6 +18,7 @@ from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..limits import MAX_CURVES, MAX_LOOPS, at_most
 from ..numeric.components import components
+from ..numeric.dense import svd
 from .cleaning import NEGLIGIBLE, cleaned, mended
 from .loops import TOLERANCE, chain, close_loop, vertices
 from .options import DEFAULT, BoundaryOptions
@@ -47,7 +48,7 @@ class _Outline:
         """Whether a line would close it to nothing."""
         points = np.concatenate([c.control_points for c in self.curves])
         size = float(np.linalg.norm(np.ptp(points, axis=0)))
-        return bool(np.linalg.svd(points - points[0], compute_uv=False)[1] <= TOLERANCE * size)
+        return bool(svd(points - points[0])[1][1] <= TOLERANCE * size)
 
 
 def read_boundary(data: bytes, options: BoundaryOptions = DEFAULT) -> Boundary:
