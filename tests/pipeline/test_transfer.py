@@ -118,7 +118,7 @@ def sheets(draw):
 def test_any_degrees_and_knots(mp, degrees):
     assume(abs(degrees) > 0.1)
     target, landmarks = targets.deformed(mp, targets.bend(mp, degrees))
-    result = pt.transfer(mp, target, landmarks)
+    result = pt.transfer(mp, target, landmarks, refine="never", on_failure="return")
     assert result.certificate.status == "certified"
     same_structure(result.multipatch, mp)
     # A straight side misses an arc of 15 degrees by its sagitta, 0.033 of the arc's length.
