@@ -209,6 +209,17 @@ def test_layers_are_chosen_without_regard_to_case():
         read(layered(), layers=("outlines",))
 
 
+def test_open_lines_on_another_layer_lead_to_the_choice_of_layers():
+    document, space = drawing()
+    space.add_lwpolyline(RECTANGLE, close=True, dxfattribs={"layer": "CUT"})
+    space.add_line((0, -1), (4, -1), dxfattribs={"layer": "DIM"})
+    with pytest.raises(
+        InputError, match=r"on layer 'DIM' is open.*outline's layer only \(--layer, layers=\): CUT, DIM"
+    ):
+        read(document)
+    assert len(read(document, ("CUT",)).loops[0]) == 4
+
+
 def test_drawings_off_the_plane_are_refused_and_shifted_planes_are_not():
     document, space = drawing()
     space.add_lwpolyline(RECTANGLE, close=True, dxfattribs={"elevation": 7})

@@ -159,7 +159,14 @@ def read_boundary(data: bytes, options: BoundaryOptions = DEFAULT) -> Boundary:
     if not drawing.pieces:
         told = "".join(f"; {note}" for note in notes)
         raise InputError(f"no lines, arcs or splines in model space{told}; draw the outline there")
-    return boundary_of(drawing.pieces, notes, options)
+    try:
+        return boundary_of(drawing.pieces, notes, options)
+    except InputError as error:
+        if chosen is not None or len(drawing.seen) < 2:
+            raise
+        # Dimension lines and frames lie on layers of their own.
+        names = ", ".join(sorted(drawing.seen)[: 4 * NAMED])
+        raise InputError(f"{error}; or read the outline's layer only (--layer, layers=): {names}") from None
 
 
 def _document(data: bytes) -> Any:
