@@ -97,7 +97,15 @@ def main() -> None:
     for name, source, target, landmarks in cases(paths):
         for continuity in ("c0", "c1", "g1"):
             try:
-                result = pt.transfer(source, target, landmarks, continuity, on_failure="return")
+                result = pt.transfer(
+                    source,
+                    target,
+                    landmarks,
+                    continuity,
+                    refine="never",
+                    fixed_correspondence=True,
+                    on_failure="return",
+                )
             except pt.TransferError as error:
                 print(f"| {name} | {continuity} | {type(error).__name__}: {error} |")
                 continue

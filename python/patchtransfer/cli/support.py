@@ -356,8 +356,8 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
             click.option(
                 "--fixed-correspondence/--sliding-joints",
                 default=None,
-                help="Keep all joints where registration puts them (default with landmarks), or let those that are "
-                "neither corners nor landmarks slide to lower the distortion (default without).",
+                help="Keep all joints where registration puts them, or let those that are neither corners nor "
+                "landmarks slide to lower the distortion (default, but for the paper's method).",
             ),
             keep_uncertified_option,
             click.option(

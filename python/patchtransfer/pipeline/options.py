@@ -72,11 +72,11 @@ class Options:
         given = [f.name for f in fields(self) if getattr(self, f.name) != f.default]
         return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!r}' for name in given)})"
 
-    def with_landmarks(self, given: bool) -> Self:
-        """The options with their default for joints decided: fixed where landmarks place them, or by the paper."""
+    def decided(self) -> Self:
+        """The options with their default for joints: the paper's stay where they are put."""
         if self.fixed_correspondence is not None:
             return self
-        return replace(self, fixed_correspondence=given or self.method == "paper")
+        return replace(self, fixed_correspondence=self.method == "paper")
 
     @property
     def refined_beyond(self) -> float:

@@ -82,7 +82,7 @@ def transfer(
         Boundary error, relative to the target's diameter, that the fit should reach.
     fixed_correspondence : bool, optional
         False lets boundary joints that are neither corners nor landmarks slide along the target to lower the
-        distortion (see `slide_joints`; method "certified" only). Default True with landmarks, False without.
+        distortion (see `slide_joints`); True keeps all. Default False, but True with method "paper".
     on_failure : {"raise", "return"}, default "raise"
         What to do when no certified map is found, or one that misses the target by more than five times
         `fit_tolerance`: raise `NotCertifiedError` or its subclass `BoundaryMissedError` (the best map is its
@@ -150,7 +150,7 @@ class TransferPlan:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
         if not isinstance(target, Boundary):
             raise InputError(f"target must be a Boundary (see read_boundary), got {type(target).__name__}")
-        chosen = options_of(options).with_landmarks(landmarks is not None)
+        chosen = options_of(options).decided()
         run = Run(chosen, Clock(), Budget.of_source(self._interior.step_cost, chosen.time_limit), progress)
         registered = self._boundary.register(target, landmarks, run)
         movable = [] if chosen.fixed_correspondence else movable_joints(registered.registration, landmarks)

@@ -134,7 +134,9 @@ def transferred(name: str) -> Case:
     results, seconds = {}, {}
     for method in METHODS:
         begin = time.perf_counter()
-        results[method] = plan.transfer(target, landmarks, method=method, refine="never", on_failure="return")
+        results[method] = plan.transfer(
+            target, landmarks, method=method, refine="never", fixed_correspondence=True, on_failure="return"
+        )
         seconds[method] = time.perf_counter() - begin
     without = TransferPlan(source, "c0").transfer(target, landmarks, refine="never", on_failure="return")
     return Case(name, source, target, quality(source), results, without, seconds)
@@ -145,7 +147,11 @@ def articulation(name: str) -> list[Step]:
     found = []
     for step in range(1, examples.STEPS[name] + 1):
         source, target, landmarks = examples.load(name, step)
-        found.append(TransferPlan(source).transfer(target, landmarks, refine="never", on_failure="return"))
+        found.append(
+            TransferPlan(source).transfer(
+                target, landmarks, refine="never", fixed_correspondence=True, on_failure="return"
+            )
+        )
     moving = _moving(found[0].multipatch, found[-1].multipatch)
     return [Step(k, r, moving, _scaled_jacobian(r.multipatch, moving)) for k, r in enumerate(found, 1)]
 
