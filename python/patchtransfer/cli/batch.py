@@ -10,20 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .support import (
-    INTERRUPTED,
-    NOT_CERTIFIED,
-    Report,
-    continuity_option,
-    escape,
-    failures,
-    keep_inputs,
-    outline_options,
-    print_error,
-    print_line,
-    say,
-    transfer_options,
-)
+from .options import continuity_option, outline_options, transfer_options
+from .support import INTERRUPTED, NOT_CERTIFIED, Report, escape, failures, keep_inputs, print_error, print_line, say
 
 if TYPE_CHECKING:
     from ..batch import BatchRow

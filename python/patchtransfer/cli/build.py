@@ -7,18 +7,9 @@ from functools import partial
 import click
 
 from ..errors import InputError
-from .support import (
-    Report,
-    check_outputs,
-    deliver,
-    draw_patches,
-    failures,
-    json_option,
-    keep_inputs,
-    keep_uncertified_option,
-    leave,
-    outline_options,
-)
+from .delivery import deliver, draw_patches, leave
+from .options import json_option, keep_uncertified_option, outline_options
+from .support import Report, check_outputs, failures, keep_inputs
 
 __all__ = ["build"]
 

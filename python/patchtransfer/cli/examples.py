@@ -6,7 +6,8 @@ import os
 
 import click
 
-from .support import Report, failures, say, status_line, summary, warn
+from .delivery import summary
+from .support import Report, failures, say, status_line, warn
 
 __all__ = ["examples"]
 

@@ -9,18 +9,9 @@ import click
 
 from ..errors import InputError
 from ..limits import MAX_ALONG, MAX_CONTROL_POINTS, MAX_DEGREE, at_most
-from .support import (
-    NOT_CERTIFIED,
-    Report,
-    all_or_nothing,
-    check_outputs,
-    failures,
-    json_option,
-    keep_inputs,
-    say,
-    summary,
-    warn,
-)
+from .delivery import summary
+from .options import json_option
+from .support import NOT_CERTIFIED, Report, all_or_nothing, check_outputs, failures, keep_inputs, say, warn
 
 if TYPE_CHECKING:
     from ..geometry.multipatch import MultiPatch

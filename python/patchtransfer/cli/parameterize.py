@@ -6,22 +6,9 @@ from functools import partial
 
 import click
 
-from .support import (
-    Report,
-    check_outputs,
-    continuity_option,
-    deliver,
-    draw_patches,
-    failures,
-    fit_tolerance_option,
-    json_option,
-    keep_inputs,
-    keep_uncertified_option,
-    leave,
-    outline_options,
-    set_threads,
-    status_line,
-)
+from .delivery import deliver, draw_patches, leave
+from .options import continuity_option, fit_tolerance_option, json_option, keep_uncertified_option, outline_options
+from .support import Report, check_outputs, failures, keep_inputs, set_threads, status_line
 
 __all__ = ["parameterize"]
 

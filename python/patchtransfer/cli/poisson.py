@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import InputError
-from .support import Report, all_or_nothing, check_outputs, failures, json_option, keep_inputs, say, set_threads, warn
+from .options import json_option
+from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, say, set_threads, warn
 
 if TYPE_CHECKING:
     from ..iga import PoissonResult

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import click
 from rich import markup
@@ -19,11 +18,9 @@ from rich.console import Console, RenderableType
 from .. import interruption
 from ..errors import InfeasibleTargetError, InputError, InputWarning, TransferError
 from ..files import json_text, write_atomic
-from ..pipeline.options import CHOICES, Options
 
 if TYPE_CHECKING:
-    from ..geometry.boundary import Boundary
-    from ..pipeline.result import TransferResult
+    pass
 
 __all__ = [
     "INTERRUPTED",
@@ -32,26 +29,15 @@ __all__ = [
     "Report",
     "all_or_nothing",
     "check_outputs",
-    "chosen",
-    "continuity_option",
-    "deliver",
-    "draw_patches",
     "escape",
     "failures",
-    "fit_tolerance_option",
-    "json_option",
     "keep_inputs",
-    "keep_uncertified_option",
-    "leave",
     "only_own_warnings",
-    "outline_options",
     "print_error",
     "print_line",
     "say",
     "set_threads",
     "status_line",
-    "summary",
-    "transfer_options",
     "warn",
     "write_out",
 ]
@@ -283,101 +269,6 @@ def set_threads(threads: int | None) -> None:
         core_set_threads(threads)
 
 
-json_option = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
-
-
-def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """The option for continuity across patches."""
-    return click.option(
-        "--continuity",
-        type=click.Choice(["c0", "c1", "g1"]),
-        default=default,
-        show_default=True,
-        help="Across patches.",
-    )
-
-
-def outline_options(command: Callable[..., None]) -> Callable[..., None]:
-    """How an outline is read: keywords of `read_boundary`."""
-    for option in (
-        click.option(
-            "--layer",
-            "layers",
-            multiple=True,
-            callback=lambda context, parameter, value: value or None,
-            metavar="NAME",
-            help="Layer of the drawing to read, or GeoJSON polygon; repeatable (default: all that are visible).",
-        ),
-        click.option(
-            "--no-clean",
-            "clean",
-            is_flag=True,
-            default=True,
-            flag_value=False,
-            help="Do not mend slips of the outline.",
-        ),
-        click.option(
-            "--smooth/--polygon",
-            default=None,
-            help="Points are samples of smooth curves, or corners of polygons (default: all turns decide).",
-        ),
-    ):
-        command = option(command)
-    return command
-
-
-fit_tolerance_option = click.option(
-    "--fit-tolerance",
-    type=float,
-    default=Options.fit_tolerance,
-    show_default=True,
-    metavar="X",
-    help="Boundary error.",
-)
-keep_uncertified_option = click.option(
-    "--keep-uncertified", is_flag=True, help="Write the best map even without a certificate."
-)
-
-
-def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
-    """The options of a transfer, for `chosen`."""
-    for option in reversed(
-        (
-            click.option("--method", type=click.Choice(CHOICES["method"]), default=Options.method, show_default=True),
-            click.option(
-                "--refine",
-                type=click.Choice(CHOICES["refine"]),
-                default=Options.refine,
-                show_default=True,
-                help="auto: insert knots into the source where it misses the target by 5 times the fit tolerance; "
-                "refine it if no certified map is found. tolerance: wherever it misses by more than the tolerance.",
-            ),
-            fit_tolerance_option,
-            click.option(
-                "--fixed-correspondence/--sliding-joints",
-                default=None,
-                help="Keep all joints where registration puts them, or let those that are neither corners nor "
-                "landmarks slide to lower the distortion (default, but for the paper's method).",
-            ),
-            keep_uncertified_option,
-            click.option(
-                "--time-limit",
-                type=float,
-                metavar="S",
-                help="Seconds for a target, after which the search ends with the best map so far (default: none).",
-            ),
-        )
-    ):
-        command = option(command)
-    return command
-
-
-def chosen(options: dict[str, Any]) -> Options:
-    """What the user chose of `transfer_options`."""
-    given = dict(options)
-    return Options(on_failure="return" if given.pop("keep_uncertified") else "raise", **given)
-
-
 def newton_step(stage: str, step: int, energy: float, determinant: float) -> str:
     """What a transfer tells of its progress."""
     return f"{stage}: step {step}, energy {energy:.4g}, smallest determinant {determinant:.3g}"
@@ -394,106 +285,3 @@ def status_line(
         return
     with console.status(first) as status:
         yield lambda *told: status.update(line(*told))
-
-
-def deliver(
-    result: TransferResult,
-    output: str,
-    report: Report,
-    pictures: Sequence[tuple[str | None, Callable[[str], None]]],
-    outline: Boundary,
-) -> None:
-    """Write pictures (path, or None for none, and what draws there), model and report, all or none of them.
-
-    The report has the outline's notes besides.
-    """
-    from .. import io
-    from ..pipeline.result import failure_of
-
-    content = result.to_dict() | {"notes": list(outline.notes)}
-    error = failure_of(result)
-    if error is not None:
-        content["error"] = str(error)
-    with all_or_nothing(output, *(path for path, _ in pictures), report.path):
-        for path, draw in pictures:
-            if path is not None:
-                draw(path)
-        io.write(result.multipatch, output)
-        report.write(content)
-        if report.path != "-":
-            summary(content, output)
-    for note in outline.notes:
-        print_line(f"[cyan]note:[/] {escape(note)}")
-
-
-def leave(result: TransferResult) -> NoReturn:
-    """End with the result's warnings and status."""
-    warn(result.warnings)
-    sys.exit(0 if result.succeeded else NOT_CERTIFIED)
-
-
-def draw_patches(result: TransferResult, path: str) -> None:
-    """Picture of a result's patches."""
-    from ..plot import figures as plot
-
-    plot.savefig(plot.multipatch(result.multipatch), path)
-
-
-def summary(content: dict[str, Any], output: str | None) -> None:
-    """Certificate, metrics, errors and times as a table."""
-    from rich.table import Table
-
-    table = Table(show_header=False, box=None, pad_edge=False)
-    certificate, metrics = content["certificate"], content["quality"]
-    bound = f", det J ≥ {certificate['lower_bound']:.3g} of its mean" if certificate["status"] == "certified" else ""
-    colour = "green" if certificate["injective"] else "red"
-    table.add_row("certificate", f"[bold {colour}]{certificate['status']}[/]{bound}")
-    for name in ("scaled_jacobian", "condition_number"):
-        low, mean, high = (_number(metrics[name][k]) for k in ("min", "mean", "max"))
-        table.add_row(name.replace("_", " "), f"min {low}   mean {mean}   max {high}")
-    if "corner_bound" in content:
-        table.add_row("  corners allow at most", _number(content["corner_bound"]))
-    kink = content["continuity"]["kink_deg"]
-    table.add_row("kink across patches", f"mean {_number(kink['mean'])}°   max {_number(kink['max'])}°")
-    smooth = content["continuity"]
-    table.add_row(
-        "residuals across patches",
-        f"C0 {smooth['c0_gap']:.1e}   C1 rows {smooth['c1_residual']:.1e}   AS-G1 {smooth['as_g1_residual']:.1e}",
-    )
-    if smooth.get("rows") is not None:
-        rows = smooth["rows"]
-        table.add_row(
-            "continuity rows", f"{rows['active']} kept to {rows['residual']:.1e}, {rows['left_out']} left out"
-        )
-    if "topology" in content:
-        topology = content["topology"]
-        valences = ", ".join(map(str, sorted(v["valence"] for v in topology["extraordinary_vertices"])))
-        table.add_row(
-            "topology",
-            f"{topology['patches']} patches, {topology['interfaces']} interfaces, "
-            f"{topology['boundary_loops']} boundary loops, valences of extraordinary vertices: {valences or 'none'}",
-        )
-    if content.get("labels"):
-        table.add_row("labels", "; ".join(_label(*item) for item in content["labels"].items()))
-    if "patches" in content:
-        table.add_row("patches", str(content["patches"]))
-    if "boundary_error" in content:
-        table.add_row("boundary error", f"{content['boundary_error']:.2e} of the diameter")
-        times = content["timings"]
-        table.add_row("time", f"{1e3 * sum(times.values()):.1f} ms")
-        for stage, seconds in times.items():
-            table.add_row(f"  {stage}", f"{1e3 * seconds:.1f} ms")
-    if output is not None:
-        table.add_row("written", output)
-    say(table)
-
-
-def _label(name: str, sides: list[dict[str, int]]) -> str:
-    from ..geometry.sides import Side
-
-    where = ", ".join(f"{side['patch']} {Side(side['side']).name.lower()}" for side in sides)
-    return f"{escape(name)}: {where or 'no side'}"
-
-
-def _number(x: float | None) -> str:
-    return "-" if x is None or math.isnan(x) else f"{x:.4g}"

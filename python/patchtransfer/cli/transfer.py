@@ -7,21 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .support import (
-    Report,
-    check_outputs,
-    chosen,
-    continuity_option,
-    deliver,
-    failures,
-    json_option,
-    keep_inputs,
-    leave,
-    outline_options,
-    set_threads,
-    status_line,
-    transfer_options,
-)
+from .delivery import deliver, leave
+from .options import chosen, continuity_option, json_option, outline_options, transfer_options
+from .support import Report, check_outputs, failures, keep_inputs, set_threads, status_line
 
 if TYPE_CHECKING:
     from ..geometry.boundary import Boundary

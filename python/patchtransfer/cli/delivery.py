@@ -1,0 +1,119 @@
+"""Command line: a result shown, written and judged."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from .support import NOT_CERTIFIED, Report, all_or_nothing, escape, print_line, say, warn
+
+if TYPE_CHECKING:
+    from ..geometry.boundary import Boundary
+    from ..pipeline.result import TransferResult
+
+__all__ = ["deliver", "draw_patches", "leave", "summary"]
+
+
+def deliver(
+    result: TransferResult,
+    output: str,
+    report: Report,
+    pictures: Sequence[tuple[str | None, Callable[[str], None]]],
+    outline: Boundary,
+) -> None:
+    """Write pictures (path, or None for none, and what draws there), model and report, all or none of them.
+
+    The report has the outline's notes besides.
+    """
+    from .. import io
+    from ..pipeline.result import failure_of
+
+    content = result.to_dict() | {"notes": list(outline.notes)}
+    error = failure_of(result)
+    if error is not None:
+        content["error"] = str(error)
+    with all_or_nothing(output, *(path for path, _ in pictures), report.path):
+        for path, draw in pictures:
+            if path is not None:
+                draw(path)
+        io.write(result.multipatch, output)
+        report.write(content)
+        if report.path != "-":
+            summary(content, output)
+    for note in outline.notes:
+        print_line(f"[cyan]note:[/] {escape(note)}")
+
+
+def leave(result: TransferResult) -> NoReturn:
+    """End with the result's warnings and status."""
+    warn(result.warnings)
+    sys.exit(0 if result.succeeded else NOT_CERTIFIED)
+
+
+def draw_patches(result: TransferResult, path: str) -> None:
+    """Picture of a result's patches."""
+    from ..plot import figures as plot
+
+    plot.savefig(plot.multipatch(result.multipatch), path)
+
+
+def summary(content: dict[str, Any], output: str | None) -> None:
+    """Certificate, metrics, errors and times as a table."""
+    from rich.table import Table
+
+    table = Table(show_header=False, box=None, pad_edge=False)
+    certificate, metrics = content["certificate"], content["quality"]
+    bound = f", det J ≥ {certificate['lower_bound']:.3g} of its mean" if certificate["status"] == "certified" else ""
+    colour = "green" if certificate["injective"] else "red"
+    table.add_row("certificate", f"[bold {colour}]{certificate['status']}[/]{bound}")
+    for name in ("scaled_jacobian", "condition_number"):
+        low, mean, high = (_number(metrics[name][k]) for k in ("min", "mean", "max"))
+        table.add_row(name.replace("_", " "), f"min {low}   mean {mean}   max {high}")
+    if "corner_bound" in content:
+        table.add_row("  corners allow at most", _number(content["corner_bound"]))
+    kink = content["continuity"]["kink_deg"]
+    table.add_row("kink across patches", f"mean {_number(kink['mean'])}°   max {_number(kink['max'])}°")
+    smooth = content["continuity"]
+    table.add_row(
+        "residuals across patches",
+        f"C0 {smooth['c0_gap']:.1e}   C1 rows {smooth['c1_residual']:.1e}   AS-G1 {smooth['as_g1_residual']:.1e}",
+    )
+    if smooth.get("rows") is not None:
+        rows = smooth["rows"]
+        table.add_row(
+            "continuity rows", f"{rows['active']} kept to {rows['residual']:.1e}, {rows['left_out']} left out"
+        )
+    if "topology" in content:
+        topology = content["topology"]
+        valences = ", ".join(map(str, sorted(v["valence"] for v in topology["extraordinary_vertices"])))
+        table.add_row(
+            "topology",
+            f"{topology['patches']} patches, {topology['interfaces']} interfaces, "
+            f"{topology['boundary_loops']} boundary loops, valences of extraordinary vertices: {valences or 'none'}",
+        )
+    if content.get("labels"):
+        table.add_row("labels", "; ".join(_label(*item) for item in content["labels"].items()))
+    if "patches" in content:
+        table.add_row("patches", str(content["patches"]))
+    if "boundary_error" in content:
+        table.add_row("boundary error", f"{content['boundary_error']:.2e} of the diameter")
+        times = content["timings"]
+        table.add_row("time", f"{1e3 * sum(times.values()):.1f} ms")
+        for stage, seconds in times.items():
+            table.add_row(f"  {stage}", f"{1e3 * seconds:.1f} ms")
+    if output is not None:
+        table.add_row("written", output)
+    say(table)
+
+
+def _label(name: str, sides: list[dict[str, int]]) -> str:
+    from ..geometry.sides import Side
+
+    where = ", ".join(f"{side['patch']} {Side(side['side']).name.lower()}" for side in sides)
+    return f"{escape(name)}: {where or 'no side'}"
+
+
+def _number(x: float | None) -> str:
+    return "-" if x is None or math.isnan(x) else f"{x:.4g}"

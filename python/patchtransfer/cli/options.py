@@ -1,0 +1,114 @@
+"""Command line: options that several commands have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from ..pipeline.options import CHOICES, Options
+
+__all__ = [
+    "chosen",
+    "continuity_option",
+    "fit_tolerance_option",
+    "json_option",
+    "keep_uncertified_option",
+    "outline_options",
+    "transfer_options",
+]
+
+json_option = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
+
+
+def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option for continuity across patches."""
+    return click.option(
+        "--continuity",
+        type=click.Choice(["c0", "c1", "g1"]),
+        default=default,
+        show_default=True,
+        help="Across patches.",
+    )
+
+
+def outline_options(command: Callable[..., None]) -> Callable[..., None]:
+    """How an outline is read: keywords of `read_boundary`."""
+    for option in (
+        click.option(
+            "--layer",
+            "layers",
+            multiple=True,
+            callback=lambda context, parameter, value: value or None,
+            metavar="NAME",
+            help="Layer of the drawing to read, or GeoJSON polygon; repeatable (default: all that are visible).",
+        ),
+        click.option(
+            "--no-clean",
+            "clean",
+            is_flag=True,
+            default=True,
+            flag_value=False,
+            help="Do not mend slips of the outline.",
+        ),
+        click.option(
+            "--smooth/--polygon",
+            default=None,
+            help="Points are samples of smooth curves, or corners of polygons (default: all turns decide).",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+fit_tolerance_option = click.option(
+    "--fit-tolerance",
+    type=float,
+    default=Options.fit_tolerance,
+    show_default=True,
+    metavar="X",
+    help="Boundary error.",
+)
+keep_uncertified_option = click.option(
+    "--keep-uncertified", is_flag=True, help="Write the best map even without a certificate."
+)
+
+
+def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The options of a transfer, for `chosen`."""
+    for option in reversed(
+        (
+            click.option("--method", type=click.Choice(CHOICES["method"]), default=Options.method, show_default=True),
+            click.option(
+                "--refine",
+                type=click.Choice(CHOICES["refine"]),
+                default=Options.refine,
+                show_default=True,
+                help="auto: insert knots into the source where it misses the target by 5 times the fit tolerance; "
+                "refine it if no certified map is found. tolerance: wherever it misses by more than the tolerance.",
+            ),
+            fit_tolerance_option,
+            click.option(
+                "--fixed-correspondence/--sliding-joints",
+                default=None,
+                help="Keep all joints where registration puts them, or let those that are neither corners nor "
+                "landmarks slide to lower the distortion (default, but for the paper's method).",
+            ),
+            keep_uncertified_option,
+            click.option(
+                "--time-limit",
+                type=float,
+                metavar="S",
+                help="Seconds for a target, after which the search ends with the best map so far (default: none).",
+            ),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def chosen(options: dict[str, Any]) -> Options:
+    """What the user chose of `transfer_options`."""
+    given = dict(options)
+    return Options(on_failure="return" if given.pop("keep_uncertified") else "raise", **given)
