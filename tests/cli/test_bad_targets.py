@@ -81,7 +81,8 @@ def test_the_report_has_landmarks_to_correct_and_hand_back(files):
     rows = np.array(registration["landmarks"])
     assert rows.shape[1] == 4
     np.savetxt(files / "again.csv", rows, delimiter=",", header="xs,ys,xt,yt", comments="")
-    again = run(*arguments(files, "--landmarks", files / "again.csv", "--json", files / "s.json"))
+    options = "--landmarks", files / "again.csv", "--fixed-correspondence"
+    again = run(*arguments(files, *options, "--json", files / "s.json"))
     assert again.exit_code == 0, again.output
     other = json.loads((files / "s.json").read_text())["registration"]
     moved = [
