@@ -60,3 +60,26 @@ def test_one_patch_does_not_go_to_a_reentrant_corner():
     dent = loop([(0, 0), (2, 0), (2, 1), (1.9, 0.9), (0, 1)])
     result = pt.transfer(mp, dent, refine="never", on_failure="return")
     assert np.abs(np.array([b for _, b in result.registration.joints])[:, 0] - 1.9).min() > 0.05
+
+
+def test_the_runner_up_is_taken_by_name():
+    """A rectangle on a square turned by nothing: the runner-up turns it by 90 or 180 degrees."""
+    mp = models.build([models.bilinear((0, 0), (1.2, 0), (1.2, 1), (0, 1))], 3, 2, None)
+    target = loop([(0, 0), (1.2, 0), (1.2, 1), (0, 1)])
+    best = pt.transfer(mp, target)
+    other = pt.transfer(mp, target, correspondence="runner-up")
+    wanted = best.registration.runner_up.landmarks
+    found = {tuple(np.round(a, 6)): b for a, b in other.registration.joints}
+    for row in wanted:
+        key = tuple(np.round(row[:2], 6))
+        if key in found:
+            np.testing.assert_allclose(found[key], row[2:], atol=1e-6)
+    assert not np.allclose([b for _, b in best.registration.joints], [b for _, b in other.registration.joints])
+    assert other.certificate.injective
+
+
+def test_no_runner_up_is_an_error():
+    mp, target = roof(1.0)
+    corners = np.array([[0, 0, 0, 0], [2, 0, 2, 0], [2, 1, 2, 1], [0, 1, 0, 1], [1, 1, 1, 1.3], [1, 0, 1, 0]], float)
+    with pytest.raises(pt.InputError, match="runner-up.: there is none"):
+        pt.transfer(mp, target, corners, correspondence="runner-up")

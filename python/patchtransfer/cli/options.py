@@ -95,6 +95,13 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
                 help="Keep all joints where registration puts them, or let those that are neither corners nor "
                 "landmarks slide to lower the distortion (default, but for the paper's method).",
             ),
+            click.option(
+                "--correspondence",
+                type=click.Choice(CHOICES["correspondence"]),
+                default=Options.correspondence,
+                show_default=True,
+                help="Of those found without landmarks: the best, or the second best.",
+            ),
             keep_uncertified_option,
             click.option(
                 "--time-limit",

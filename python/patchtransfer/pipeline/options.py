@@ -17,6 +17,7 @@ MISSED = 5.0
 CHOICES = {
     "method": ("certified", "paper"),
     "refine": ("auto", "never", "tolerance"),
+    "correspondence": ("best", "runner-up"),
     "on_failure": ("raise", "return"),
 }
 
@@ -27,6 +28,7 @@ class SearchOptions(TypedDict, total=False):
     refine: str
     fit_tolerance: float
     fixed_correspondence: bool | None
+    correspondence: str
     on_failure: str
     time_limit: float | None
 
@@ -52,6 +54,7 @@ class Options:
     fit_tolerance: float = 1e-3
     _: KW_ONLY
     fixed_correspondence: bool | None = None
+    correspondence: str = "best"
     on_failure: str = "raise"
     time_limit: float | None = None
 

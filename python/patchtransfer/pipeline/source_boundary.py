@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InfeasibleTargetError
+from ..errors import InfeasibleTargetError, InputError
 from ..fitting.fit import FREE, SMOOTH_ANGLE, STIFF, FittedBoundary, fit_boundary
 from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
@@ -70,6 +70,13 @@ class SourceBoundary:
         with run.clock("registration"):
             paper = run.options.method == "paper"
             registration = register(self._outlines, target, landmarks, marked_curves=paper, single_patch=self.single)
+            if run.options.correspondence == "runner-up":
+                second = registration.runner_up
+                if second is None:
+                    raise InputError(
+                        'correspondence="runner-up": there is none, landmarks decide or no other one fits; leave it out'
+                    )
+                registration = register(self._outlines, target, second.landmarks, single_patch=self.single)
         with run.clock("feasibility"):
             images = [loop.joints[:-1] for loop in registration.loops]
             check_target_corners(
