@@ -122,19 +122,19 @@ def test_a_transfer_without_hope_keeps_to_its_budget(continuity, monkeypatch):
     monkeypatch.setattr(progress, "WORK", 0.0)
     monkeypatch.setattr(progress, "STEPS", steps)
     with pytest.raises(NotCertifiedError, match="stopped by the budget of Newton steps") as failure:
-        pt.transfer(mp, target, landmarks, continuity, progress=counted)
+        pt.transfer(mp, target, landmarks, continuity, refine="never", progress=counted)
     result = failure.value.result
     assert result.log[-1] in result.warnings
     # Every step costs at least one of the source's own; the first rungs are free, 200 at most.
     assert len(counted.stages) <= steps + 200 * (1 if continuity == "c0" else 5)
     again, unlimited = Counted(), Counted()
     with pytest.raises(NotCertifiedError) as second:
-        pt.transfer(mp, target, landmarks, continuity, progress=again)
+        pt.transfer(mp, target, landmarks, continuity, refine="never", progress=again)
     assert second.value.result.log == result.log
     assert again.stages == counted.stages
     monkeypatch.undo()
     with pytest.raises(NotCertifiedError):
-        pt.transfer(mp, target, landmarks, continuity, progress=unlimited)
+        pt.transfer(mp, target, landmarks, continuity, refine="never", progress=unlimited)
     assert len(unlimited.stages) > len(counted.stages)
     assert cost > 0
 

@@ -81,5 +81,5 @@ def test_the_runner_up_is_taken_by_name():
 def test_no_runner_up_is_an_error():
     mp, target = roof(1.0)
     corners = np.array([[0, 0, 0, 0], [2, 0, 2, 0], [2, 1, 2, 1], [0, 1, 0, 1], [1, 1, 1, 1.3], [1, 0, 1, 0]], float)
-    with pytest.raises(pt.InputError, match="runner-up.: there is none"):
+    with pytest.raises(pt.InputError, match=r"runner-up.: there is none"):
         pt.transfer(mp, target, corners, correspondence="runner-up")

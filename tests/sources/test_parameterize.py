@@ -314,3 +314,16 @@ def test_sides_that_miss_waves_get_edges_whatever_the_loops_order_and_sense(back
     is_complete(result, pt.Boundary(loops))
     assert len(result.multipatch.patches) <= 16
     assert result.candidates[0].origin.endswith("edges added")
+
+
+def test_a_stroke_without_corners_in_its_bend_gets_patches_enough():
+    """A U is two corners at either end: one long patch by its topology."""
+    t = np.linspace(0, np.pi, 41)
+    bend = np.column_stack([np.cos(t), -np.sin(t)])
+    outer = np.vstack([[[-1, 2.2]], [[-1, 1.1]], bend[::-1], [[1, 1.1]], [[1, 2.2]]])
+    inner = np.vstack([[[0.65, 2.2]], [[0.65, 1.1]], 0.65 * bend, [[-0.65, 1.1]], [[-0.65, 2.2]]])
+    sides = [domains.through(outer), domains.through(inner)]
+    ends = [pt.BSplineCurve([0, 0, 1, 1], 1, [a.end, b.start]) for a, b in (sides, sides[::-1])]
+    result = parameterize(Boundary([[sides[0], ends[0], sides[1], ends[1]]]))
+    assert 3 <= len(result.multipatch) <= 5
+    assert result.quality.scaled_jacobian.mean > 0.98

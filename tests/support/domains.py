@@ -106,3 +106,10 @@ def started_elsewhere(boundary: Boundary) -> Boundary:
         middle = a + 0.4 * (b - a)
         loops.append([curves[0].restrict(middle, b), *curves[1:], curves[0].restrict(a, middle)])
     return Boundary(loops)
+
+
+def through(points: np.ndarray) -> BSplineCurve:
+    """A cubic through points."""
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    spline = make_interp_spline(length / length[-1], points, k=3)
+    return BSplineCurve(spline.t, 3, spline.c)

@@ -178,7 +178,7 @@ class Boundary:
         >>> mask = np.zeros((60, 80), bool)
         >>> mask[10:50, 10:70] = True
         >>> Boundary.from_mask(mask)
-        <Boundary: 1 loops of 4 curves>
+        <Boundary: 1 loop of 4 curves>
         """
         boundary: Boundary = make("mask", mask, tolerance=tolerance, corner_angle=corner_angle, smooth=smooth)
         return boundary

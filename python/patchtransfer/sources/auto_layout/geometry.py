@@ -8,7 +8,9 @@ import numpy as np
 
 from ...errors import InfeasibleTargetError, InputError
 from ...geometry.boundary import Boundary
+from ...geometry.curve import BSplineCurve
 from ...geometry.outline import Outline
+from ...measure.quality import sample
 from ...numeric.arrays import FloatArray
 from ...pipeline.plan import TransferPlan
 from ...pipeline.result import TransferResult
@@ -17,12 +19,14 @@ from .assembly import AbstractLayout
 from .reasons import NoLayoutError
 from .with_places import with_places
 
-__all__ = ["filled", "misses", "sliding"]
+__all__ = ["coarse", "filled", "misses", "sliding"]
 
 STAGE = "geometry"
 #: Most rounds of sliding: the rectangles that distortion is measured against follow the patches, which follow the
 #: joints. Ovals take three, most outlines one or two.
 SLIDING_ROUNDS = 4
+#: Mean scaled Jacobian below which an edge more is tried along the worst patch, and samples a span to tell which it is.
+GOOD_MEAN, SAMPLES = 0.98, 4
 
 
 def filled(
@@ -86,20 +90,47 @@ def sliding(
         yield result
 
 
+def coarse(
+    result: TransferResult, layout: AbstractLayout, outlines: Sequence[Outline]
+) -> list[tuple[int, float, float]]:
+    """The longest stretch (loop, s0, s1) along the patch of the worst angles, in a layout too coarse for its bends.
+
+    A layout without irregular vertices, such as a stroke's, is the same for all prices of collapses: its long patches
+    follow a bend in a few spans.
+    """
+    inner = np.setdiff1d(np.arange(len(layout.valence)), layout.boundary_vertices)
+    if (layout.valence[inner] != 4).any() or result.quality.scaled_jacobian.mean >= GOOD_MEAN:
+        return []
+    means = [float(values.mean()) for _, values in sample(result.multipatch, SAMPLES)]
+    pairs = zip(result.multipatch.loops, result.fitted.loops, strict=True)
+    sides = [(means[at.patch], side) for ats, fitted in pairs for at, side in zip(ats, fitted, strict=True)]
+    worst = min(mean for mean, _ in sides)
+    chosen = max((side for mean, side in sides if mean == worst), key=lambda side: _length(side.curve))
+    return [_stretch(chosen.curve, outlines)]
+
+
 def misses(result: TransferResult, outlines: Sequence[Outline], fit_tolerance: float) -> list[tuple[int, float, float]]:
     """Stretches (loop, s0, s1) that their sides miss, in the order, sense and arc lengths of the user's loops."""
     found = []
     for side in (side for sides in result.fitted.loops for side in sides):
         if side.error > fit_tolerance:
-            # By their places: registered loops have an order and a sense of their own.
-            points = side.curve(np.linspace(*side.curve.domain, 3))
-            nearest = [outline.nearest(points) for outline in outlines]
-            loop = int(np.argmin([distance.max() for _, distance in nearest]))
-            start, middle, end = nearest[loop][0].tolist()
-            length = outlines[loop].length
-            forwards = (middle - start) % length <= (end - start) % length
-            found.append((loop, start, end) if forwards else (loop, end, start))
+            found.append(_stretch(side.curve, outlines))
     return found
+
+
+def _stretch(curve: BSplineCurve, outlines: Sequence[Outline]) -> tuple[int, float, float]:
+    """Where a side runs, by its places: registered loops have an order and a sense of their own."""
+    points = curve(np.linspace(*curve.domain, 3))
+    nearest = [outline.nearest(points) for outline in outlines]
+    loop = int(np.argmin([distance.max() for _, distance in nearest]))
+    start, middle, end = nearest[loop][0].tolist()
+    length = outlines[loop].length
+    forwards = (middle - start) % length <= (end - start) % length
+    return (loop, start, end) if forwards else (loop, end, start)
+
+
+def _length(curve: BSplineCurve) -> float:
+    return float(np.linalg.norm(np.diff(curve(np.linspace(*curve.domain, 33)), axis=0), axis=1).sum())
 
 
 def _corners(layout: AbstractLayout, outlines: Sequence[Outline]) -> FloatArray:

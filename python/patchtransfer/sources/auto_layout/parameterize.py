@@ -27,7 +27,7 @@ from ..layout import rectangles
 from ..quad_layout import QuadLayout
 from .assembly import AbstractLayout
 from .convex import convex_layout
-from .geometry import filled, misses, sliding
+from .geometry import coarse, filled, misses, sliding
 from .judging import Candidate, score, unmet
 from .portfolio import Portfolio, Proposal
 from .reasons import NoLayoutError
@@ -245,7 +245,7 @@ def _filled(task: _Task, log: list[str], tell: Tell) -> list[Candidate]:
 
 
 def _tried(proposal: Proposal, portfolio: Portfolio, task: _Task) -> list[Candidate]:
-    """A proposal filled, and again with more edges where its sides miss the outline."""
+    """A proposal filled, and again with more edges where its sides miss the outline or its angles are bad."""
     found = []
     current: Proposal | None = proposal
     for _ in range(REPAIRS + 1):
@@ -253,6 +253,8 @@ def _tried(proposal: Proposal, portfolio: Portfolio, task: _Task) -> list[Candid
         candidate = _candidate(current.layout, current.origin, task)
         found.append(candidate)
         missed = [] if candidate.result is None else misses(candidate.result, task.outlines, task.wishes.fit_tolerance)
+        if not missed and candidate.reason is None and candidate.result is not None:
+            missed = coarse(candidate.result, current.layout, task.outlines)
         if not missed or task.wishes.late():
             break
         current = portfolio.with_more_edges(current, missed)

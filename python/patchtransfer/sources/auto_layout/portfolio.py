@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry.boundary import Boundary
+from ...numeric.arrays import IntArray
 from .assembly import AbstractLayout, assemble
 from .cross_field import compute_cross_field
 from .layout_key import LayoutKey, layout_key
@@ -37,6 +38,8 @@ class Proposal:
     ----------
     layout : AbstractLayout
     t_mesh : TMesh
+    lengths : (a,) array of int
+        Edges on every arc.
     price : CollapsePrice
     mode : {"strict", "merging"}
     at_least : mapping
@@ -47,6 +50,7 @@ class Proposal:
 
     layout: AbstractLayout
     t_mesh: TMesh
+    lengths: IntArray
     price: CollapsePrice
     mode: str
     at_least: Mapping[Collection[int], int]
@@ -105,8 +109,8 @@ class Portfolio:
             # A side starts and ends at vertices; a stretch that reached beyond them would count its neighbours' edges.
             first, last = (int(np.argmin(abs((joints - s + length / 2) % length - length / 2))) for s in (s0, s1))
             arcs = arcs_between(proposal.t_mesh, self.outline, loop, joints[first], joints[last])
-            edges = (last - first - 1) % len(joints) + 1
-            demands[arcs] = max(demands.get(arcs, 0), edges + 1)
+            # An arc may reach beyond the stretch where joints divide it.
+            demands[arcs] = max(demands.get(arcs, 0), sum(int(proposal.lengths[a]) for a in arcs) + 1)
         return self._proposal(
             proposal.t_mesh, proposal.price, proposal.mode, demands, f"{proposal.origin}, edges added"
         )
@@ -160,4 +164,4 @@ class Portfolio:
             return None
         self._seen.add(key)
         layout = symmetric_places(layout, self.outline.outlines, self.isometries)
-        return Proposal(layout, t_mesh, price, mode, at_least, origin)
+        return Proposal(layout, t_mesh, np.asarray(found.lengths), price, mode, at_least, origin)
