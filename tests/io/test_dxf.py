@@ -290,3 +290,9 @@ def test_mangled_drawings_are_read_or_refused(capfd):
     assert refused
     assert not any("\n" in message for message in refused)
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("data", [b"", b"\n", b"0", b"0\nSECTION", b"AutoCAD Binary DXF\r\n\x1a\x00"])
+def test_what_is_no_drawing_at_all_is_an_error(data):
+    with pytest.raises(InputError):
+        dxf.read_boundary(data)

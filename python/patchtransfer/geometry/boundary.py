@@ -202,7 +202,8 @@ class Boundary:
     def diameter(self) -> float:
         """Diagonal of the control points' bounding box."""
         points = np.concatenate([curve.control_points for loop in self.loops for curve in loop])
-        return float(np.linalg.norm(np.ptp(points, axis=0)))
+        # Without squares, which overflow.
+        return float(np.hypot(*np.ptp(points, axis=0)))
 
     def _repr_png_(self) -> bytes | None:
         return display.as_png(self)

@@ -18,6 +18,7 @@ from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..limits import MAX_CURVES, MAX_LINES, at_most
 from ..numeric.arrays import FloatArray
+from .interpolation import LARGEST
 from .loops import TOLERANCE, close_loop
 from .options import DEFAULT, BoundaryOptions
 
@@ -65,6 +66,8 @@ def read_boundary(data: bytes, options: BoundaryOptions = DEFAULT) -> Boundary:
     """Boundary of a section; see `patchtransfer.read_boundary`."""
     at_most(data.count(b"\n") + data.count(b"\r"), 2 * MAX_LINES, "line ends", "delete empty lines")
     lines = _lines(data)
+    if not lines:
+        raise InputError("holds no points; list x y line by line")
     name = lines[0][1] if _numbers(lines[0][1]) is None else ""
     rows = [_pair(number, line) for number, line in (lines[1:] if name else lines)]
     at_most(len(rows), MAX_CURVES, "points", "take every other one")
@@ -79,9 +82,9 @@ def _pair(number: int, line: str) -> Point:
     pair = _numbers(line)
     if pair is None or len(pair) != 2:
         raise InputError(f"line {number}: expected two numbers x y, got {line[:40]!r}; correct it")
-    # Squares of coordinates must not overflow; the comparison also refuses NaN.
-    if not all(abs(value) <= 1e150 for value in pair):
-        raise InputError(f"line {number}: NaN, infinity or a number above 1e150; give finite numbers")
+    # A smooth curve through them must not overflow; the comparison also refuses NaN.
+    if not all(abs(value) <= LARGEST for value in pair):
+        raise InputError(f"line {number}: NaN, infinity or a number above {LARGEST:g}; give finite numbers")
     if min(pair) >= SEPARATOR:
         raise InputError(f"line {number}: separates elements of a section, which is several outlines; keep one")
     return pair
@@ -131,10 +134,12 @@ def _section(points: FloatArray, notes: list[str], options: BoundaryOptions) -> 
         notes.append(f"trailing edge closed by a straight side of length {gap:.3g}")
         blunt = [_straight(ends[1], ends[0])]
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    repeated = step <= 1e-12 * chord
+    repeated = step <= 1e-12 * np.hypot(*np.ptp(points, axis=0))
     if repeated.any():
         notes.append(f"{np.count_nonzero(repeated)} repeated points left out")
         points, step = points[np.append(True, ~repeated)], step[~repeated]
+    if len(points) < FEWEST:
+        raise InputError(f"has {len(points)} points that differ; a section needs at least {FEWEST}")
     if options.smooth is False:
         sides = [_straight(a, b) for a, b in pairwise(points)]
     else:

@@ -91,7 +91,8 @@ class _Drawing:
             elif (found := OUTLINE.get(kind)) is None or not _is_curve(entity):
                 self.other[f"{kind} on layer {layer!r}"] += 1
             else:
-                with damaged(f"{name}: cannot read its geometry", "correct or delete it"):
+                # What overflows is refused with the loops, by its name.
+                with damaged(f"{name}: cannot read its geometry", "correct or delete it"), np.errstate(all="ignore"):
                     parts = list(found(entity))
                 for k, piece in enumerate(parts, 1):
                     part = name if len(parts) == 1 else f"{name}, side {k}"

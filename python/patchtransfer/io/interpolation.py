@@ -24,7 +24,7 @@ from .sampling import CORNER_ANGLE, Reading, read_points
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-__all__ = ["interpolate_outline", "read_outline"]
+__all__ = ["LARGEST", "interpolate_outline", "read_outline"]
 
 LONG_EDGE = 5.0
 #: Largest coordinate of points that a spline goes through: the cubes of lengths must not overflow.

@@ -12,7 +12,17 @@ from ..errors import InputError
 __all__ = ["damaged", "library"]
 
 #: What libraries raise on files that are cut off, mangled or made to harm.
-FAILURES = (ValueError, TypeError, LookupError, ArithmeticError, AssertionError, AttributeError, OSError, RuntimeError)
+FAILURES = (
+    ValueError,
+    TypeError,
+    LookupError,
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    OSError,
+    RuntimeError,
+    StopIteration,
+)
 
 
 def library(name: str, extra: str) -> Any:
