@@ -40,7 +40,9 @@ def nearest_on_curve(curve: BSplineCurve, points: FloatArray) -> tuple[FloatArra
             length = np.hypot(*off.T)
             better = length < least
             best, least = np.where(better, at, best), np.where(better, length, least)
-            square = (slope**2).sum(axis=1)
-            step = (off * slope).sum(axis=1) / np.where(square > 0, square, np.inf)
+            # By the direction, for squares of slopes between near knots overflow.
+            with np.errstate(all="ignore"):
+                speed = np.hypot(*slope.T)
+                step = np.nan_to_num((off * (slope / speed[:, None])).sum(axis=1) / speed, posinf=0.0, neginf=0.0)
             at = np.clip(at - step, t[low], t[high])
     return best, least

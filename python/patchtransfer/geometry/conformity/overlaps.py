@@ -256,7 +256,7 @@ def _compared(
         probes = np.linspace(*a.domain, PROBES * len(a.control_points))
         _, distance = nearest_on_curve(b, a(probes))
         gap = float(distance.max())
-        if gap > reach:
+        if not gap <= reach:
             return None
     parts = [(c.degree, len(knot_spans(c.knots)) - 1) for c in (a, b)]
     same_knots = not any(len(_lacking(*pair)) for pair in ((a, b), (b, a)))
@@ -290,9 +290,10 @@ def _difference(a: BSplineCurve, b: BSplineCurve) -> float:
     if a.weights is None and b.weights is None:
         return gap
     v, w = (c.homogeneous()[:, 2] for c in (a, b))
-    # A common factor of the weights changes nothing.
-    ratio = v / w / (v / w).mean()
-    return max(gap, float(np.abs(ratio - 1).max() * np.ptp(a.control_points, axis=0).max()))
+    # A common factor of the weights changes nothing. By logarithms, for ratios may overflow.
+    ratio = np.log(v) - np.log(w)
+    apart = float(np.expm1(min(float(np.abs(ratio - ratio.mean()).max()), 1.0)))
+    return max(gap, apart * float(np.ptp(a.control_points, axis=0).max()))
 
 
 def _with_degree(curve: BSplineCurve, degree: int) -> BSplineCurve:
@@ -308,7 +309,8 @@ def _with_knots_of(curve: BSplineCurve, other: BSplineCurve) -> BSplineCurve:
 def _lacking(curve: BSplineCurve, other: BSplineCurve) -> FloatArray:
     """Knots of the other that a curve lacks, in its own parameters."""
     (a, b), (c, d) = curve.domain, other.domain
-    return missing_knots(curve.knots, a + (other.knots - c) * ((b - a) / (d - c)), curve.degree)
+    # Fractions first: the ratio of two domains may overflow.
+    return missing_knots(curve.knots, a + (other.knots - c) / (d - c) * (b - a), curve.degree)
 
 
 def missing_knots(knots: FloatArray, wanted: FloatArray, degree: int) -> FloatArray:
