@@ -116,27 +116,25 @@ class Matching:
         band: float,
     ) -> None: ...
     def scan(self, starts: list[int]) -> FloatArray: ...
-    def solve(self, start: int) -> tuple[float, IntArray] | None: ...
+    def solve(self, starts: list[int]) -> tuple[float, IntArray] | None: ...
 
 def inner_distances(points: FloatArray, sizes: list[int]) -> FloatArray: ...
-def compare_distances(
-    distances: FloatArray,
-    before: IntArray,
-    after: IntArray,
-    fraction: FloatArray,
-    gap: FloatArray,
-    wanted: FloatArray,
-    weight: FloatArray,
-) -> tuple[float, FloatArray, FloatArray]: ...
+def turning(outline: Outline, s: FloatArray, windows: list[float]) -> FloatArray: ...
+
+class Sliding:
+    def __init__(
+        self,
+        loops: list[tuple[Outline, FloatArray, int, FloatArray, FloatArray, FloatArray, float]],
+        distances: FloatArray,
+        wanted: FloatArray,
+        weight: FloatArray,
+        windows: list[float],
+        plate: tuple[FloatArray, FloatArray, float, float] | None = None,
+    ) -> None: ...
+    def model(self, x: FloatArray) -> tuple[float, FloatArray, FloatArray]: ...
+    def slide(self, x: FloatArray, held: NDArray[np.bool_]) -> tuple[FloatArray, float]: ...
+
 def bending_matrix(points: FloatArray, slack: float) -> FloatArray: ...
-def add_bending(
-    matrix: FloatArray,
-    points: FloatArray,
-    tangents: FloatArray,
-    weight: float,
-    gradient: FloatArray,
-    hessian: FloatArray,
-) -> float: ...
 
 # fitting
 

@@ -7,9 +7,9 @@ from scipy.interpolate import RBFInterpolator
 import models
 import targets
 from patchtransfer.geometry.outline import Outline
-from patchtransfer.registration.inner_distances import slide
+from patchtransfer.registration.inner_distances import slide, sliding
 from patchtransfer.registration.sampled_boundary import BoundaryShape, image_of
-from patchtransfer.registration.thin_plate import Bending, bending_matrix
+from patchtransfer.registration.thin_plate import bending_matrix, plate
 
 
 def cloud(n, seed=1):
@@ -56,18 +56,22 @@ def stretched():
 
 def test_gradient_and_matrix_are_derivatives(stretched):
     source, target, truth = stretched
-    plate, n = Bending(source, target, [0, 1]), sum(map(len, truth))
-    first = len(truth[0])
+    without, bent = sliding(source, target, [0, 1]), sliding(source, target, [0, 1], 0.7)
 
-    def energy(y):
-        return plate.add([y[:first], y[first:]], 0.7, np.zeros(n), np.zeros((n, n)))
+    def bending(y):
+        return [b - a for a, b in zip(without.model(y), bent.model(y), strict=True)]
 
     y, h = np.concatenate(truth) + 0.01, 1e-5
-    gradient = np.zeros(n)
-    plate.add([y[:first], y[first:]], 0.7, gradient, np.zeros((n, n)))
-    for i in (5, 40, first + 3):
-        e = h * np.eye(n)[i]
-        assert (energy(y + e) - energy(y - e)) / (2 * h) == pytest.approx(gradient[i], rel=1e-4, abs=1e-9)
+    _, gradient, hessian = bending(y)
+    for i in (5, 40, len(truth[0]) + 3):
+        e = h * np.eye(len(y))[i]
+        slope = (bending(y + e)[0] - bending(y - e)[0]) / (2 * h)
+        assert slope == pytest.approx(gradient[i], rel=1e-4, abs=1e-9)
+    # Forces along the boundary are linear in the points there, as far as tangents do not turn.
+    matrix, _, size, _ = plate(source, target, [0, 1], 0.7)
+    tangents = [o.tangent(x) for o, x in zip(target.outlines, np.split(y, [len(truth[0])]), strict=True)]
+    t = np.concatenate(tangents) / size
+    np.testing.assert_allclose(hessian, 2 * 0.7 * matrix * (t @ t.T), atol=1e-9 * abs(hessian).max())
 
 
 def test_sliding_by_bending_is_nearer_to_a_smooth_map_than_by_distances(stretched):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..numeric.arrays import FloatArray
 from ..proof.certificate import BoundaryReport, check_boundary
 from ..proof.feasibility import Corner, check_corners, check_loops, check_report, check_target_corners
 from ..registration.register import Registration, register
+from ..registration.sampled_boundary import BoundaryShape
 from .options import Run
 from .posed import FITTED, Posed, Registered, no_fit
 
@@ -60,6 +62,11 @@ class SourceBoundary:
         self.single = [[patches == 1 for patches in loop] for loop in self._valence]
         self._side_points = np.concatenate([points for loop in of_sides for points in loop])
 
+    @cached_property
+    def _sampled(self) -> BoundaryShape:
+        """What matching by shape needs of the source, whatever the target."""
+        return BoundaryShape.sample(self._outlines)
+
     def register(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> Registered:
         """Correspondence of the boundaries, on a target that allows an injective map."""
         with run.clock("feasibility"):
@@ -69,7 +76,14 @@ class SourceBoundary:
             notes = check_loops(target.loops, "target boundary") if same else []
         with run.clock("registration"):
             paper = run.options.method == "paper"
-            registration = register(self._outlines, target, landmarks, marked_curves=paper, single_patch=self.single)
+            registration = register(
+                self._outlines,
+                target,
+                landmarks,
+                marked_curves=paper,
+                single_patch=self.single,
+                sampled=lambda: self._sampled,
+            )
             if run.options.correspondence == "runner-up":
                 second = registration.runner_up
                 if second is None:

@@ -18,14 +18,12 @@ import numpy as np
 from .._core import Matching
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.dense import product
-from .inner_distances import SOFT, energy_of, slide
-from .sampled_boundary import BoundaryShape, image_of, turning
+from .inner_distances import energy_of, slide
+from .sampled_boundary import BoundaryShape, image_of
 
 __all__ = ["Match", "WholeMatch", "match_hole", "match_outer", "pair_holes", "rank_with_holes", "smooth"]
 
 
-#: Quantiles of the distance descriptor.
-QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
 #: Weights: turning and distance descriptors, distances to matched points, corner angles, stretch.
 TURNING, SURROUNDINGS, DISTANCES, CORNER_WEIGHT, STRETCH = 1.0, 4.0, 4.0, 0.03, 0.05
 #: Weight that descriptors keep once there is a matching.
@@ -346,9 +344,7 @@ class _Pair:
 
     def solve(self, cost: FloatArray, starts: list[int]) -> tuple[float, IntArray] | None:
         """Score and path of node pairs, from the best of the starts."""
-        problem = self.problem(cost)
-        start = starts[int(problem.scan(starts).argmin())] if len(starts) > 1 else starts[0]
-        return problem.solve(start)
+        return self.problem(cost).solve(starts)
 
     def match(self, score: float, path: IntArray) -> Match:
         anchors = np.column_stack(
@@ -400,15 +396,9 @@ def _squared_differences(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _descriptors(source: BoundaryShape, target: BoundaryShape, k: int, partner: int) -> FloatArray:
     """Cost of every node pair: turning at several scales; on outer loops also the spread of inner distances."""
-    cost = TURNING * _squared_differences(
-        turning(source.outlines[k], source.s[k]), turning(target.outlines[partner], target.s[partner])
-    )
+    cost = TURNING * _squared_differences(source.turning[k], target.turning[partner])
     if k == 0:
-        a, b = (
-            np.quantile(shape.distances[shape.rows(0), shape.rows(0)], QUANTILES, axis=1).T
-            for shape in (source, target)
-        )
-        cost += SURROUNDINGS * _squared_differences(a, b)
+        cost += SURROUNDINGS * _squared_differences(source.quantiles, target.quantiles)
     return cost
 
 
@@ -418,13 +408,12 @@ def _profiles(source: BoundaryShape, target: BoundaryShape, k: int, partner: int
     Mean squared difference of the distances to the nodes of the outer loop and to their images on the target's (arc
     lengths `matched`); near ones count more.
     """
-    x = source.distances[source.rows(k), source.rows(0)]
+    rows, near = source.rows(k), source.near
     index, fraction = target.locate(0, matched)
-    block = target.distances[target.rows(partner), target.rows(0)]
-    y = block[:, index] * (1 - fraction) + block[:, (index + 1) % block.shape[1]] * fraction
-    w = source.shares(0) / (x**2 + SOFT)
-    w /= w.sum(axis=1, keepdims=True)
-    squared = (w * x * x).sum(axis=1)[:, None] - 2 * product(w * x, y.T) + product(w, (y * y).T)
+    # Distances are symmetric, and rows are quicker to take than columns.
+    block = target.distances[target.rows(0), target.rows(partner)]
+    y = block[index] * (1 - fraction)[:, None] + block[(index + 1) % len(block)] * fraction[:, None]
+    squared = near.square[rows, None] - 2 * product(near.weighted[rows], y) + product(near.weight[rows], y * y)
     # Rounding leaves tiny negative numbers on similar shapes.
     return np.asarray(np.maximum(squared, 0.0))
 

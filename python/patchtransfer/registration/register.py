@@ -9,7 +9,7 @@ unless ``marked_curves=True`` asks for the paper's procedure.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -160,6 +160,7 @@ def register(
     *,
     marked_curves: bool = False,
     single_patch: Sequence[Sequence[bool]] | None = None,
+    sampled: Callable[[], BoundaryShape] | None = None,
 ) -> Registration:
     """Find the correspondence of source and target boundary.
 
@@ -177,6 +178,8 @@ def register(
         between its unmarked neighbours, and the landmarks inside are not interpolated.
     single_patch : sequences of bool, optional
         Loop by loop, whether a single patch meets the source's joint: such joints do not go to reentrant corners.
+    sampled : callable, optional
+        Returns the source sampled without landmarks, for a source with many targets; asked for only where it is needed.
 
     Returns
     -------
@@ -206,7 +209,9 @@ def register(
         anchors = landmark_anchors(placed[placed["source_loop"] == k], outline, other, k)
         given[k] = anchors if marked_curves else corners_between(anchors, outline, other)
     single = single_patch or [[False] * len(outline.curves) for outline in source_loops]
-    loops, warnings = _correspondences(source_loops, target_loops, partner, given, marked_curves, single)
+    loops, warnings = _correspondences(
+        source_loops, target_loops, partner, given, marked_curves, single, sampled
+    )
     for k, loop in enumerate(loops):
         if loop.confidence < AMBIGUOUS:
             warnings.append(
@@ -224,13 +229,14 @@ def _correspondences(
     given: dict[int, FloatArray],
     by_arc_length: bool,
     single: Sequence[Sequence[bool]],
+    sampled: Callable[[], BoundaryShape] | None,
 ) -> tuple[list[LoopRegistration], list[str]]:
     """All loops, and warnings; `given` are the anchors of loops with landmarks, `partner` the loops they pair."""
     settled = {k for k, anchors in given.items() if by_arc_length or _covers_joints(source[k], anchors)}
     matches: dict[int, list[Match]] = {k: [Match(given[k], given[k][:-1], 0.0)] for k in settled}
     warnings: list[str] = []
     if len(settled) < len(source):
-        partner, matches, warnings = _match_shapes(source, target, partner, given, matches)
+        partner, matches, warnings = _match_shapes(source, target, partner, given, matches, sampled)
     loops = []
     for k, outline in enumerate(source):
         best, other = matches[k][0], target[partner[k]]
@@ -262,12 +268,16 @@ def _match_shapes(
     partner: dict[int, int],
     given: dict[int, FloatArray],
     settled: dict[int, list[Match]],
+    sampled: Callable[[], BoundaryShape] | None,
 ) -> tuple[dict[int, int], dict[int, list[Match]], list[str]]:
     """Pair the loops that landmarks leave unpaired and match by shape those that are not `settled`."""
     none = np.empty((0, 2))
     fixed = {k: given[k][:-1] if k in given else none for k in range(len(source))}
     of_target = {partner[k]: rows for k, rows in fixed.items() if k in partner}
-    shape = BoundaryShape.sample(source, [fixed[k][:, 0] for k in range(len(source))])
+    if sampled is None or given:
+        shape = BoundaryShape.sample(source, [fixed[k][:, 0] for k in range(len(source))])
+    else:
+        shape = sampled()
     other = BoundaryShape.sample(target, [of_target.get(t, none)[:, 1] for t in range(len(target))])
     otherwise = {k: Match(given[k], fixed[k], 0.0, by_arc_length=True) for k in given}
     outer = settled.get(0) or match_outer(shape, other, fixed[0]) or [otherwise[0]]

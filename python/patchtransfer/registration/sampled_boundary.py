@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from .._core import inner_distances
+from .._core import turning as core_turning
 from ..geometry.outline import CORNER, Outline
 from ..numeric.arrays import FloatArray, IntArray
 
-__all__ = ["BoundaryShape", "cyclic_gap", "image_of", "turning"]
+__all__ = ["WINDOWS", "BoundaryShape", "NearDistances", "cyclic_gap", "image_of"]
 
 #: Nodes of the outer loop, of a hole at most and at least, of all holes together about.
 SAMPLES, HOLE_SAMPLES, FEWEST_SAMPLES, ALL_HOLES = 160, 32, 8, 320
@@ -20,7 +23,29 @@ MAX_CORNERS = 96
 #: Corners nearer to a landmark, and regular nodes nearer to others, than these parts of a step are left out.
 SAME_NODE, CROWDED = 0.1, 0.4
 #: Windows of the turning descriptor, in parts of the loop's length.
-WINDOWS = (1 / 48, 1 / 24, 1 / 12, 1 / 6)
+WINDOWS = [1 / 48, 1 / 24, 1 / 12, 1 / 6]
+#: Squared distance (relative to the root mean square) that softens the weight 1/d² of near distances.
+SOFT = 0.02
+#: Quantiles of the distance descriptor.
+QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
+
+
+class NearDistances(NamedTuple):
+    """Distances of all nodes to those of the outer loop, and their weights: near ones count more.
+
+    Attributes
+    ----------
+    weight : (n, n_0) array
+        Its rows add up to 1.
+    weighted : (n, n_0) array
+        Weight times distance.
+    square : (n,) array
+        Weighted mean square of every node's distances.
+    """
+
+    weight: FloatArray
+    weighted: FloatArray
+    square: FloatArray
 
 
 @dataclass(frozen=True)
@@ -67,6 +92,26 @@ class BoundaryShape:
         first = sum(len(x) for x in self.s[:k])
         return slice(first, first + len(self.s[k]))
 
+    @cached_property
+    def turning(self) -> tuple[FloatArray, ...]:
+        """Of every loop, turning (n_k, windows) about its nodes: the angles between the chords that arrive at and leave
+        them, in parts of half a turn."""
+        pairs = zip(self.outlines, self.s, strict=True)
+        return tuple(core_turning(outline.core, s, WINDOWS) for outline, s in pairs)
+
+    @cached_property
+    def quantiles(self) -> FloatArray:
+        """Quantiles (n_0, 5) of the distances of every node of the outer loop to the others on it."""
+        return np.asarray(np.quantile(self.distances[self.rows(0), self.rows(0)], QUANTILES, axis=1).T)
+
+    @cached_property
+    def near(self) -> NearDistances:
+        """Distances to the outer loop as weighted by profiles."""
+        x = self.distances[:, self.rows(0)]
+        w = self.shares(0) / (x**2 + SOFT)
+        w /= w.sum(axis=1, keepdims=True)
+        return NearDistances(w, w * x, (w * x * x).sum(axis=1))
+
     def positions(self, k: int) -> FloatArray:
         """Arc lengths of the nodes of loop `k` from the first one, in parts of its length, and the closing 1."""
         return np.append((self.s[k] - self.s[k][0]) / self.outlines[k].length, 1.0)
@@ -106,16 +151,6 @@ def image_of(anchors: FloatArray, s: FloatArray) -> FloatArray:
     a, b = anchors.T
     turns = np.floor((s - a[0]) / (a[-1] - a[0]))
     return np.asarray(np.interp(s - turns * (a[-1] - a[0]), a, b) + turns * (b[-1] - b[0]))
-
-
-def turning(outline: Outline, s: FloatArray) -> FloatArray:
-    """Angles (n, windows) between the chords that arrive at and leave the points at `s`, in parts of half a turn."""
-    shifts = np.multiply([0.0, *(-w for w in WINDOWS), *WINDOWS], outline.length)
-    # One call: most loops are short, and calls cost more than points.
-    points = outline.point(s + shifts[:, None])
-    before, after = points[0] - points[1 : len(WINDOWS) + 1], points[len(WINDOWS) + 1 :] - points[0]
-    cross = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
-    return np.asarray(np.arctan2(cross, (before * after).sum(axis=2)).T / np.pi)
 
 
 def _nodes(outline: Outline, n: int, extra: FloatArray) -> FloatArray:

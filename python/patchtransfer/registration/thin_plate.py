@@ -13,13 +13,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .._core import add_bending
 from .._core import bending_matrix as core_bending_matrix
 from ..numeric.arrays import FloatArray
-from ..numeric.dense import product, svd
+from ..numeric.dense import svd
 from .sampled_boundary import BoundaryShape
 
-__all__ = ["Bending", "bending_matrix"]
+__all__ = ["bending_matrix", "plate"]
 
 #: Mean square distance (relative to the squared size) by which the plate may miss its points, per unit of energy:
 #: caps the cost of a sharp crease, as necks of turned limbs have it.
@@ -44,30 +43,24 @@ def bending_matrix(points: FloatArray, slack: float = SLACK) -> FloatArray:
     return core_bending_matrix(points, slack)
 
 
-class Bending:
-    """Bending energy of matched loops, in the target's arc lengths.
+def plate(
+    source: BoundaryShape, target: BoundaryShape, partners: Sequence[int], weight: float
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """What sliding needs of the bending energy of the source's first loops matched to their `partners`.
 
-    Parameters
-    ----------
-    source, target : BoundaryShape
-    partners : sequence of int
-        Target loop of each of the source's first loops.
+    Returns
+    -------
+    matrix : (n, n) array
+        See `bending_matrix`.
+    affine : (n, 3) array
+        Orthonormal basis of the affine functions of the source's points, which cost nothing; fewer on a line.
+    size : float
+        Root mean square distance of the target's outer nodes from their centroid.
+    weight : float
+        As given.
     """
-
-    def __init__(self, source: BoundaryShape, target: BoundaryShape, partners: Sequence[int]) -> None:
-        loops = range(len(partners))
-        points = np.concatenate([source.outlines[k].point(source.s[k]) for k in loops])
-        self.matrix = bending_matrix(points)
-        u, sigma, _ = svd(np.column_stack([np.full(len(points), np.ptp(points)), points - points.mean(axis=0)]))
-        self._affine = u[:, sigma > 1e-9 * sigma[0]]
-        self.outlines = [target.outlines[t] for t in partners]
-        outer = self.outlines[0].point(target.s[partners[0]])
-        self.size = float(np.sqrt(((outer - outer.mean(axis=0)) ** 2).sum(axis=1).mean()))
-
-    def add(self, x: Sequence[FloatArray], weight: float, gradient: FloatArray, hessian: FloatArray) -> float:
-        """Energy times `weight` at arc lengths `x`; adds to gradient and Gauss–Newton matrix."""
-        at = np.concatenate([outline.evaluate(y) for outline, y in zip(self.outlines, x, strict=True)])
-        points, tangents = (at[:, :2] - at[:, :2].mean(axis=0)) / self.size, at[:, 2:] / self.size
-        # The energy is blind to affine maps; small numbers round less.
-        points -= product(self._affine, product(self._affine.T, points))
-        return add_bending(self.matrix, points, tangents, weight, gradient, hessian)
+    points = np.concatenate([source.outlines[k].point(source.s[k]) for k in range(len(partners))])
+    u, sigma, _ = svd(np.column_stack([np.full(len(points), np.ptp(points)), points - points.mean(axis=0)]))
+    outer = target.outlines[partners[0]].point(target.s[partners[0]])
+    size = float(np.sqrt(((outer - outer.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return bending_matrix(points), u[:, sigma > 1e-9 * sigma[0]], size, weight

@@ -1,14 +1,13 @@
-//! Bindings of `patchtransfer_core::registration`: matching of sequences, inner distances, thin plates.
+//! Bindings of `patchtransfer_core::registration`: matching of sequences, inner distances, sliding, thin plates.
 
 use crate::convert::points2;
+use crate::outline::Outline;
 use crate::threads;
 use numpy::ndarray::Array2;
-use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1,
-    PyReadwriteArray2, PyUntypedArrayMethods,
-};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use patchtransfer_core::outline::Outline as CoreOutline;
 use patchtransfer_core::registration::matching::MatchingProblem;
-use patchtransfer_core::registration::{inner_distance, thin_plate};
+use patchtransfer_core::registration::{inner_distance, sliding, thin_plate};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -28,48 +27,140 @@ fn inner_distances<'py>(
     Ok(Array2::from_shape_vec((n, n), flat).expect("sizes agree").into_pyarray(py))
 }
 
-/// Energy, gradient (n,) and Gauss–Newton matrix (n, n) of the distances between positions on a boundary; see
-/// `patchtransfer_core::registration::inner_distance::compare_distances`.
+/// Angles (n, windows) between the chords that arrive at and leave the points at arc lengths `s`, in parts of half a
+/// turn; windows are parts of the loop's length.
 #[pyfunction]
-#[allow(clippy::type_complexity, clippy::too_many_arguments)]
-fn compare_distances<'py>(
+fn turning<'py>(
     py: Python<'py>,
-    distances: PyReadonlyArray2<'_, f64>,
-    before: PyReadonlyArray1<'_, i64>,
-    after: PyReadonlyArray1<'_, i64>,
-    fraction: PyReadonlyArray1<'_, f64>,
-    gap: PyReadonlyArray1<'_, f64>,
-    wanted: PyReadonlyArray2<'_, f64>,
-    weight: PyReadonlyArray2<'_, f64>,
-) -> PyResult<(f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
-    let (n, nodes) = (before.len(), distances.shape()[0]);
-    let square = |shape: &[usize], size: usize| shape == [size, size];
-    if !square(distances.shape(), nodes) || !square(wanted.shape(), n) || !square(weight.shape(), n) {
-        return Err(PyValueError::new_err("matrices must be square and fit the positions"));
+    outline: Py<Outline>,
+    s: PyReadonlyArray1<'py, f64>,
+    windows: Vec<f64>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (s, outline) = (s.as_slice()?, outline.get());
+    let flat = py.detach(|| sliding::turning(&outline.core, s, &windows));
+    Ok(Array2::from_shape_vec((s.len(), windows.len()), flat).expect("sizes agree").into_pyarray(py))
+}
+
+/// Target outline, its nodes' arc lengths and the number of the first, turning wanted (n, windows) and its weight (n,),
+/// parts (n,) of the target from each point to the next, weight of stretch.
+type LoopTuple<'py> = (
+    Py<Outline>,
+    PyReadonlyArray1<'py, f64>,
+    usize,
+    PyReadonlyArray2<'py, f64>,
+    PyReadonlyArray1<'py, f64>,
+    PyReadonlyArray1<'py, f64>,
+    f64,
+);
+
+/// Bending matrix (n, n), orthonormal functions (n, k) without energy, size of the target, weight.
+type PlateTuple<'py> = (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, f64, f64);
+
+/// Points that slide along the target's boundary; see `patchtransfer_core::registration::sliding`.
+#[pyclass(frozen)]
+struct Sliding {
+    outlines: Vec<Py<Outline>>,
+    core: sliding::Sliding,
+}
+
+impl Sliding {
+    fn check(&self, n: usize) -> PyResult<()> {
+        if n == self.core.size() { Ok(()) } else { Err(PyValueError::new_err("one position a point, please")) }
     }
-    if after.len() != n || fraction.len() != n || gap.len() != n {
-        return Err(PyValueError::new_err("positions differ in number"));
+
+    fn outlines(&self) -> Vec<&CoreOutline> {
+        self.outlines.iter().map(|outline| &outline.get().core).collect()
     }
-    let node = |k: i64| {
-        usize::try_from(k)
-            .ok()
-            .filter(|&k| k < nodes)
-            .ok_or_else(|| PyValueError::new_err(format!("no node {k} among {nodes}")))
-    };
-    let mut positions = Vec::with_capacity(n);
-    for k in 0..n {
-        positions.push(inner_distance::Position {
-            before: node(before.as_array()[k])?,
-            after: node(after.as_array()[k])?,
-            fraction: fraction.as_array()[k],
-            gap: gap.as_array()[k],
+}
+
+#[pymethods]
+impl Sliding {
+    #[new]
+    #[pyo3(signature = (loops, distances, wanted, weight, windows, plate=None))]
+    fn new(
+        loops: Vec<LoopTuple<'_>>,
+        distances: PyReadonlyArray2<'_, f64>,
+        wanted: PyReadonlyArray2<'_, f64>,
+        weight: PyReadonlyArray2<'_, f64>,
+        windows: Vec<f64>,
+        plate: Option<PlateTuple<'_>>,
+    ) -> PyResult<Self> {
+        let nodes = distances.shape()[0];
+        let (mut outlines, mut of_core) = (vec![], vec![]);
+        for (outline, s, first, turning, turning_weight, part, stretch) in loops {
+            let n = part.len();
+            if turning.shape() != [n, windows.len()] || turning_weight.len() != n || n == 0 {
+                return Err(PyValueError::new_err("the points of a loop differ in number"));
+            }
+            if s.len() == 0 || first + s.len() > nodes {
+                return Err(PyValueError::new_err("a loop has nodes without distances"));
+            }
+            outlines.push(outline);
+            of_core.push(sliding::SlidingLoop {
+                nodes: s.as_array().to_vec(),
+                first,
+                turning: turning.as_array().iter().copied().collect(),
+                turning_weight: turning_weight.as_array().to_vec(),
+                part: part.as_array().to_vec(),
+                stretch,
+            });
+        }
+        let n = of_core.iter().map(|l| l.part.len()).sum::<usize>();
+        let square = |matrix: &PyReadonlyArray2<'_, f64>, n: usize| matrix.shape() == [n, n];
+        if !square(&distances, nodes) || !square(&wanted, n) || !square(&weight, n) {
+            return Err(PyValueError::new_err("matrices must be square and fit the points"));
+        }
+        let plate = plate.map(|(matrix, affine, size, weight)| {
+            if !square(&matrix, n) || affine.shape()[0] != n {
+                return Err(PyValueError::new_err("the plate has another number of points"));
+            }
+            let affine = affine.as_array();
+            Ok(sliding::Plate {
+                matrix: matrix.as_array().iter().copied().collect(),
+                affine: affine.columns().into_iter().map(|column| column.to_vec()).collect(),
+                size,
+                weight,
+            })
         });
+        let flat = |matrix: PyReadonlyArray2<'_, f64>| matrix.as_array().iter().copied().collect();
+        let core = sliding::Sliding {
+            loops: of_core,
+            distances: flat(distances),
+            wanted: flat(wanted),
+            weight: flat(weight),
+            windows,
+            plate: plate.transpose()?,
+        };
+        Ok(Self { outlines, core })
     }
-    let (distances, wanted, weight) = (distances.as_slice()?, wanted.as_slice()?, weight.as_slice()?);
-    let model =
-        threads::run(py, || inner_distance::compare_distances(distances, nodes, &positions, wanted, weight))?;
-    let hessian = Array2::from_shape_vec((n, n), model.hessian).expect("sizes agree");
-    Ok((model.energy, model.gradient.into_pyarray(py), hessian.into_pyarray(py)))
+
+    /// Energy, gradient (n,) and Gauss–Newton matrix (n, n) at the target's arc lengths `x` (n,).
+    #[allow(clippy::type_complexity)]
+    fn model<'py>(
+        &self,
+        py: Python<'py>,
+        x: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<(f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+        self.check(x.len())?;
+        let (x, n) = (x.as_slice()?, x.len());
+        let model = py.detach(|| self.core.model(&self.outlines(), x));
+        let hessian = Array2::from_shape_vec((n, n), model.hessian).expect("sizes agree");
+        Ok((model.energy, model.gradient.into_pyarray(py), hessian.into_pyarray(py)))
+    }
+
+    /// Arc lengths (n,) after a slide with the `held` points (n,) where they are, and their energy.
+    fn slide<'py>(
+        &self,
+        py: Python<'py>,
+        x: PyReadonlyArray1<'py, f64>,
+        held: PyReadonlyArray1<'py, bool>,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, f64)> {
+        self.check(x.len())?;
+        self.check(held.len())?;
+        let (x, held) = (x.as_slice()?, held.as_slice()?);
+        let (x, energy) = py.detach(|| self.core.slide(&self.outlines(), x, held));
+        Ok((x.into_pyarray(py), energy))
+    }
 }
 
 /// Matrix (n, n) of the bending energy of the thin plate over points.
@@ -83,26 +174,6 @@ fn bending_matrix<'py>(
     let n = points.len();
     let flat = py.detach(|| thin_plate::bending_matrix(&points, slack));
     Ok(Array2::from_shape_vec((n, n), flat).expect("sizes agree").into_pyarray(py))
-}
-
-/// Bending energy times `weight` of points on their way along tangents; adds to gradient (n,) and matrix (n, n).
-#[pyfunction]
-fn add_bending(
-    py: Python<'_>,
-    matrix: PyReadonlyArray2<'_, f64>,
-    points: PyReadonlyArray2<'_, f64>,
-    tangents: PyReadonlyArray2<'_, f64>,
-    weight: f64,
-    mut gradient: PyReadwriteArray1<'_, f64>,
-    mut hessian: PyReadwriteArray2<'_, f64>,
-) -> PyResult<f64> {
-    let (points, tangents) = (points2(&points)?, points2(&tangents)?);
-    let n = points.len();
-    if tangents.len() != n || gradient.len() != n || [matrix.shape(), hessian.shape()] != [[n, n]; 2] {
-        return Err(PyValueError::new_err("points, tangents, gradient and matrices do not fit"));
-    }
-    let (matrix, gradient, hessian) = (matrix.as_slice()?, gradient.as_slice_mut()?, hessian.as_slice_mut()?);
-    Ok(py.detach(|| thin_plate::add_bending(matrix, &points, &tangents, weight, gradient, hessian)))
 }
 
 /// Two closed sequences and the costs of matching them; see `patchtransfer_core::registration::matching`.
@@ -179,14 +250,14 @@ impl Matching {
         Ok(threads::run(py, || self.problem().scan(&starts))?.into_pyarray(py))
     }
 
-    /// Cost and node pairs (k, 2) of the cheapest matching from a start; None if all are forbidden.
+    /// Cost and node pairs (k, 2) of the cheapest matching from any of the starts; None if all are forbidden.
     fn solve<'py>(
         &self,
         py: Python<'py>,
-        start: usize,
+        starts: Vec<usize>,
     ) -> PyResult<Option<(f64, Bound<'py, PyArray2<i64>>)>> {
-        self.check(&[start])?;
-        let found = threads::run(py, || self.problem().solve(start))?;
+        self.check(&starts)?;
+        let found = py.detach(|| self.problem().solve_best(&starts));
         Ok(found.map(|(cost, path)| {
             let flat: Vec<i64> = path.iter().flatten().map(|&k| k as i64).collect();
             let pairs = Array2::from_shape_vec((path.len(), 2), flat).expect("sizes agree");
@@ -198,8 +269,8 @@ impl Matching {
 /// Add this file's names to the module.
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<Matching>()?;
-    m.add_function(wrap_pyfunction!(compare_distances, m)?)?;
+    m.add_class::<Sliding>()?;
+    m.add_function(wrap_pyfunction!(turning, m)?)?;
     m.add_function(wrap_pyfunction!(bending_matrix, m)?)?;
-    m.add_function(wrap_pyfunction!(add_bending, m)?)?;
     m.add_function(wrap_pyfunction!(inner_distances, m)?)
 }

@@ -1,14 +1,15 @@
 //! Inner distances: lengths of the shortest paths inside a polygonal domain between its vertices.
 //!
 //! Ling, Jacobs: *Shape classification using the inner-distance*, IEEE TPAMI 29(2), 2007
-//! (doi:10.1109/TPAMI.2007.41). They hardly change when a limb turns, unlike distances in the plane. Also their least
-//! squares for points that slide along the boundary.
+//! (doi:10.1109/TPAMI.2007.41). They hardly change when a limb turns, unlike distances in the plane.
 
+use crate::numeric::lanes::{Vectorizable, WIDTH, vectorized};
 use rayon::prelude::*;
 
 type Point = [f64; 2];
 
 /// Twice the signed area of the triangle `a b c`.
+#[inline(always)]
 fn area(a: Point, b: Point, c: Point) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
@@ -24,6 +25,8 @@ struct Domain<'a> {
     points: &'a [Point],
     before: Vec<usize>,
     after: Vec<usize>,
+    /// Ends of the edge after each vertex; the last is repeated up to a multiple of [`WIDTH`].
+    edges: Vec<[Point; 2]>,
 }
 
 impl Domain<'_> {
@@ -58,6 +61,7 @@ impl Domain<'_> {
     }
 
     /// Whether the segment between two vertices stays in the domain. What blocked the last one is tried first.
+    #[inline(always)]
     fn visible(&self, i: usize, j: usize, last: &mut usize) -> bool {
         if self.after[i] == j || self.before[i] == j {
             return true;
@@ -65,13 +69,23 @@ impl Domain<'_> {
         if !self.enters(i, j) || !self.enters(j, i) || self.blocks(*last, i, j) {
             return false;
         }
-        match (0..self.points.len()).find(|&k| self.blocks(k, i, j)) {
-            Some(k) => {
-                *last = k;
-                false
+        let (a, b) = (self.points[i], self.points[j]);
+        for first in (0..self.points.len()).step_by(WIDTH) {
+            // Few edges reach the line through both: eight are told at once that they do not.
+            let reach = (0..WIDTH).fold(false, |reach, lane| {
+                let [c, d] = self.edges[first + lane];
+                reach | (area(a, b, c) * area(a, b, d) <= 0.0)
+            });
+            if !reach {
+                continue;
             }
-            None => true,
+            let last_one = (first + WIDTH).min(self.points.len());
+            if let Some(k) = (first..last_one).find(|&k| self.blocks(k, i, j)) {
+                *last = k;
+                return false;
+            }
         }
+        true
     }
 }
 
@@ -88,32 +102,66 @@ pub fn inner_distances(points: &[Point], sizes: &[usize]) -> Vec<f64> {
         first += size;
     }
     assert_eq!(first, n, "loop sizes do not add up to the number of points");
-    let domain = Domain { points, before, after };
-    let rows: Vec<Vec<f64>> = (0..n)
-        .into_par_iter()
-        .map(|i| {
-            let mut last = 0;
-            (0..n)
-                .map(|j| {
-                    let (a, b): (Point, Point) = (points[i], points[j]);
-                    if i == j {
-                        0.0
-                    // One test a pair, so that rounding cannot see one way only.
-                    } else if domain.visible(i.min(j), i.max(j), &mut last) {
-                        (b[0] - a[0]).hypot(b[1] - a[1])
-                    } else {
-                        f64::INFINITY
-                    }
-                })
-                .collect()
-        })
-        .collect();
+    let edges = (0..n.next_multiple_of(WIDTH)).map(|k| k.min(n.saturating_sub(1)));
+    let edges = edges.map(|k| [points[k], points[after[k]]]).collect();
+    let domain = Domain { points, before, after, edges };
+    // One test a pair, so that rounding cannot see one way only.
+    let mut rows: Vec<Vec<f64>> =
+        (0..n).into_par_iter().map(|i| vectorized(SeenFrom { domain: &domain, i })).collect();
+    for i in 0..n {
+        let (above, row) = rows.split_at_mut(i);
+        above.iter().zip(&mut row[0]).for_each(|(other, length)| *length = other[i]);
+    }
     let through: Vec<bool> = (0..n).map(|i| domain.turns_paths(i)).collect();
-    let paths: Vec<Vec<f64>> = (0..n).into_par_iter().map(|i| shortest_paths(&rows, &through, i)).collect();
+    let paths: Vec<Vec<f64>> = (0..n)
+        .into_par_iter()
+        .map(|start| vectorized(PathsFrom { lengths: &rows, through: &through, start }))
+        .collect();
     paths.concat()
 }
 
+/// Lengths of the segments from vertex `i` to later ones, infinite where they leave the domain.
+struct SeenFrom<'a> {
+    domain: &'a Domain<'a>,
+    i: usize,
+}
+
+impl Vectorizable for SeenFrom<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) -> Vec<f64> {
+        let (Domain { points, .. }, i) = (self.domain, self.i);
+        let (mut last, mut lengths) = (0, vec![0.0; points.len()]);
+        for j in i + 1..points.len() {
+            lengths[j] = if self.domain.visible(i, j, &mut last) {
+                (points[j][0] - points[i][0]).hypot(points[j][1] - points[i][1])
+            } else {
+                f64::INFINITY
+            };
+        }
+        lengths
+    }
+}
+
+/// Shortest paths from a vertex.
+struct PathsFrom<'a> {
+    lengths: &'a [Vec<f64>],
+    through: &'a [bool],
+    start: usize,
+}
+
+impl Vectorizable for PathsFrom<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) -> Vec<f64> {
+        shortest_paths(self.lengths, self.through, self.start)
+    }
+}
+
 /// Dijkstra's algorithm on a dense graph, paths `through` some of the vertices only.
+#[inline(always)]
 fn shortest_paths(lengths: &[Vec<f64>], through: &[bool], start: usize) -> Vec<f64> {
     let mut distance = lengths[start].clone();
     let mut open: Vec<usize> = (0..lengths.len()).filter(|&k| through[k] && k != start).collect();
@@ -129,7 +177,7 @@ fn shortest_paths(lengths: &[Vec<f64>], through: &[bool], start: usize) -> Vec<f
         }
         let k = open.swap_remove(nearest);
         for (d, step) in distance.iter_mut().zip(&lengths[k]) {
-            *d = d.min(here + step);
+            *d = if here + step < *d { here + step } else { *d };
         }
     }
     distance
@@ -137,7 +185,7 @@ fn shortest_paths(lengths: &[Vec<f64>], through: &[bool], start: usize) -> Vec<f
 
 /// Weighted squares of the change of distances, and what Gauss–Newton needs of them.
 pub struct DistanceModel {
-    /// Σ w (scale · found − wanted)².
+    /// Σ w (scale · found − wanted)² over all pairs of different positions.
     pub energy: f64,
     /// Derivatives by the positions.
     pub gradient: Vec<f64>,
@@ -159,7 +207,7 @@ pub struct Position {
 }
 
 /// Compare distances between the positions, interpolated in the row-major matrix of distances between `nodes` nodes,
-/// with the wanted ones, up to the best common scale. `wanted` and `weight` are row-major and symmetric.
+/// with the wanted ones, up to the best common scale. All matrices are row-major and symmetric.
 pub fn compare_distances(
     distances: &[f64],
     nodes: usize,
@@ -169,40 +217,56 @@ pub fn compare_distances(
 ) -> DistanceModel {
     let n = positions.len();
     assert!(distances.len() == nodes * nodes && wanted.len() == n * n && weight.len() == n * n);
-    let (mut found, mut slope, mut other) = (vec![0.0; n * n], vec![0.0; n * n], vec![0.0; n * n]);
+    let (found, slopes) = interpolated(distances, nodes, positions);
     let (mut cross, mut square) = (0.0, 0.0);
-    // The pair (a, b) has one slope for each of its ends.
-    for (a, p) in positions.iter().enumerate() {
-        let (low, high) = (&distances[p.before * nodes..][..nodes], &distances[p.after * nodes..][..nodes]);
-        for (b, q) in positions.iter().enumerate() {
-            let first = low[q.before] * (1.0 - q.fraction) + low[q.after] * q.fraction;
-            let second = high[q.before] * (1.0 - q.fraction) + high[q.after] * q.fraction;
-            let k = a * n + b;
-            found[k] = first * (1.0 - p.fraction) + second * p.fraction;
-            slope[k] = (second - first) / p.gap;
-            let along = (low[q.after] - low[q.before]) * (1.0 - p.fraction)
-                + (high[q.after] - high[q.before]) * p.fraction;
-            other[k] = along / q.gap;
+    for a in 0..n {
+        for k in a * n..a * n + a {
             cross += weight[k] * wanted[k] * found[k];
             square += weight[k] * found[k] * found[k];
         }
     }
     let scale = cross / square;
     let (mut energy, mut gradient, mut hessian) = (0.0, vec![0.0; n], vec![0.0; n * n]);
+    let mut diagonal = vec![0.0; n];
     for a in 0..n {
-        let mut diagonal = 0.0;
-        for b in 0..n {
+        let (mut force, mut stiffness) = (0.0, 0.0);
+        for b in 0..a {
             let k = a * n + b;
             let (w, residual) = (weight[k], scale * found[k] - wanted[k]);
-            let s = scale * slope[k];
-            energy += w * residual * residual;
-            gradient[a] += 4.0 * w * residual * s;
-            diagonal += 4.0 * w * s * s;
-            hessian[k] = 4.0 * w * s * scale * other[k];
+            let [here, there] = slopes[k].map(|slope| scale * slope);
+            energy += 2.0 * w * residual * residual;
+            force += 4.0 * w * residual * here;
+            stiffness += 4.0 * w * here * here;
+            gradient[b] += 4.0 * w * residual * there;
+            diagonal[b] += 4.0 * w * there * there;
+            hessian[k] = 4.0 * w * here * there;
+            hessian[b * n + a] = hessian[k];
         }
-        hessian[a * n + a] += diagonal;
+        gradient[a] += force;
+        diagonal[a] += stiffness;
     }
+    (0..n).for_each(|a| hessian[a * n + a] = diagonal[a]);
     DistanceModel { energy, gradient, hessian }
+}
+
+/// Row-major distances of every position to those before it, and their derivatives by the two.
+fn interpolated(distances: &[f64], nodes: usize, positions: &[Position]) -> (Vec<f64>, Vec<[f64; 2]>) {
+    let n = positions.len();
+    let (mut found, mut slopes) = (vec![0.0; n * n], vec![[0.0; 2]; n * n]);
+    let mut row = vec![[0.0; 2]; nodes];
+    for (a, p) in positions.iter().enumerate() {
+        let (low, high) = (&distances[p.before * nodes..][..nodes], &distances[p.after * nodes..][..nodes]);
+        for ((out, low), high) in row.iter_mut().zip(low).zip(high) {
+            *out = [low * (1.0 - p.fraction) + high * p.fraction, (high - low) / p.gap];
+        }
+        for (b, q) in positions[..a].iter().enumerate() {
+            let (first, second) = (row[q.before], row[q.after]);
+            let between = |c: usize| first[c] * (1.0 - q.fraction) + second[c] * q.fraction;
+            found[a * n + b] = between(0);
+            slopes[a * n + b] = [between(1), (second[0] - first[0]) / q.gap];
+        }
+    }
+    (found, slopes)
 }
 
 #[cfg(test)]

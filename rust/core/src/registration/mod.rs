@@ -2,4 +2,5 @@
 
 pub mod inner_distance;
 pub mod matching;
+pub mod sliding;
 pub mod thin_plate;
