@@ -56,18 +56,18 @@ def plain_cost(source, target, cost, point, skip_a, skip_b, stretch, band, start
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(4, 14), st.integers(4, 14), st.sampled_from([0.25, 1.0]), st.booleans())
 def test_costs_are_those_of_plain_dynamic_programming(seed, n, m, band, forbidden):
-    problem = (*random_problem(seed, n, m, forbidden), 0.05, band)
-    core = Matching(*problem)
+    source, target, cost, *rest = problem = (*random_problem(seed, n, m, forbidden), 0.05, band)
+    core = Matching(source, target, *rest)
     plain = np.array([plain_cost(*problem, start) for start in range(m)])
-    np.testing.assert_allclose(core.scan(list(range(m))), plain, rtol=1e-5)
+    np.testing.assert_allclose(core.scan(cost, list(range(m))), plain, rtol=1e-5)
     for start in range(m):
-        found = core.solve([start])
+        found = core.solve(cost, [start])
         assert (found is None) == np.isinf(plain[start])
         if found is not None:
             assert found[0] == pytest.approx(plain[start], rel=1e-12)
             assert found[1][0].tolist() == [0, start]
             assert found[1][-1].tolist() == [n, start + m]
-    best = core.solve(list(range(m)))
+    best = core.solve(cost, list(range(m)))
     assert (np.inf if best is None else best[0]) == pytest.approx(plain.min(), rel=1e-12)
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -310,7 +311,9 @@ class _Pair:
     partner: int
     fixed: FloatArray
 
-    def problem(self, cost: FloatArray) -> Matching:
+    @cached_property
+    def problem(self) -> Matching:
+        """Everything but how unlike nodes are."""
         a, b = self.source.turn[self.k], self.target.turn[self.partner]
         either = (a != 0)[:, None] | (b != 0)
         point = np.where(either, CORNER_WEIGHT * (a[:, None] - b) ** 2, 0.0)
@@ -324,7 +327,7 @@ class _Pair:
         source, target = self.source.positions(self.k), self.target.positions(self.partner)
         # Landmarks may lie anywhere on the target; without them shape stretches only so much.
         band = 1.0 if len(self.fixed) else BAND
-        return Matching(source, target, np.ascontiguousarray(cost), point, skip_a, skip_b, STRETCH, band)
+        return Matching(source, target, point, skip_a, skip_b, STRETCH, band)
 
     def starts(self, cost: FloatArray, aligned: Sequence[int]) -> list[int]:
         """Target nodes for source node 0 that are worth working out: local minima, and the aligned ones first."""
@@ -334,7 +337,7 @@ class _Pair:
         # Starts next to each other end alike: every other one and the corners do.
         corner = self.target.turn[self.partner] != 0
         tried = np.flatnonzero(corner | (np.arange(n) % 2 == 0))
-        scan = self.problem(cost).scan(tried.tolist())
+        scan = self.problem.scan(cost, tried.tolist())
         low = np.flatnonzero((scan <= np.roll(scan, 1)) & (scan <= np.roll(scan, -1)) & np.isfinite(scan))
         found: list[int] = []
         for j in tried[low[np.argsort(scan[low], kind="stable")]]:
@@ -344,7 +347,7 @@ class _Pair:
 
     def solve(self, cost: FloatArray, starts: list[int]) -> tuple[float, IntArray] | None:
         """Score and path of node pairs, from the best of the starts."""
-        return self.problem(cost).solve(starts)
+        return self.problem.solve(cost, starts)
 
     def match(self, score: float, path: IntArray) -> Match:
         anchors = np.column_stack(

@@ -6,7 +6,7 @@ use crate::threads;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use patchtransfer_core::outline::Outline as CoreOutline;
-use patchtransfer_core::registration::matching::MatchingProblem;
+use patchtransfer_core::registration::matching::{Matcher, MatchingProblem};
 use patchtransfer_core::registration::{inner_distance, sliding, thin_plate};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -179,32 +179,16 @@ fn bending_matrix<'py>(
 /// Two closed sequences and the costs of matching them; see `patchtransfer_core::registration::matching`.
 #[pyclass(frozen)]
 struct Matching {
-    source: Vec<f64>,
-    target: Vec<f64>,
-    cost: Vec<f64>,
-    point_cost: Vec<f64>,
-    source_skip: Vec<f64>,
-    target_skip: Vec<f64>,
-    stretch: f64,
-    band: f64,
+    core: Matcher,
 }
 
 impl Matching {
-    fn problem(&self) -> MatchingProblem<'_> {
-        MatchingProblem {
-            source: &self.source,
-            target: &self.target,
-            cost: &self.cost,
-            point_cost: &self.point_cost,
-            source_skip: &self.source_skip,
-            target_skip: &self.target_skip,
-            stretch: self.stretch,
-            band: self.band,
+    fn check(&self, cost: &PyReadonlyArray2<'_, f64>, starts: &[usize]) -> PyResult<()> {
+        let (n, m) = self.core.size();
+        if cost.shape() != [n, m] {
+            return Err(PyValueError::new_err("positions and costs do not fit"));
         }
-    }
-
-    fn check(&self, starts: &[usize]) -> PyResult<()> {
-        match starts.iter().find(|&&start| start >= self.target.len() - 1) {
+        match starts.iter().find(|&&start| start >= m) {
             Some(start) => Err(PyValueError::new_err(format!("no target node {start} to start at"))),
             None => Ok(()),
         }
@@ -214,50 +198,57 @@ impl Matching {
 #[pymethods]
 impl Matching {
     #[new]
-    #[allow(clippy::too_many_arguments)]
     fn new(
         source: PyReadonlyArray1<'_, f64>,
         target: PyReadonlyArray1<'_, f64>,
-        cost: PyReadonlyArray2<'_, f64>,
         point_cost: PyReadonlyArray2<'_, f64>,
         source_skip: PyReadonlyArray1<'_, f64>,
         target_skip: PyReadonlyArray1<'_, f64>,
         stretch: f64,
         band: f64,
     ) -> PyResult<Self> {
-        let (n, m) = (cost.shape()[0], cost.shape()[1]);
+        let (n, m) = (point_cost.shape()[0], point_cost.shape()[1]);
         if n == 0 || m == 0 || source.len() != n + 1 || target.len() != m + 1 {
             return Err(PyValueError::new_err("positions and costs do not fit"));
         }
-        if point_cost.shape() != [n, m] || source_skip.len() != n || target_skip.len() != m {
-            return Err(PyValueError::new_err("costs differ in shape"));
+        if source_skip.len() != n || target_skip.len() != m {
+            return Err(PyValueError::new_err("costs differ in number"));
         }
-        Ok(Self {
+        let core = Matcher::new(MatchingProblem {
             source: source.as_array().to_vec(),
             target: target.as_array().to_vec(),
-            cost: cost.as_array().iter().copied().collect(),
             point_cost: point_cost.as_array().iter().copied().collect(),
             source_skip: source_skip.as_array().to_vec(),
             target_skip: target_skip.as_array().to_vec(),
             stretch,
             band,
-        })
+        });
+        Ok(Self { core })
     }
 
-    /// Cost of the cheapest matching of source node 0 with every start.
-    fn scan<'py>(&self, py: Python<'py>, starts: Vec<usize>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        self.check(&starts)?;
-        Ok(threads::run(py, || self.problem().scan(&starts))?.into_pyarray(py))
+    /// Cost of the cheapest matching of source node 0 with every start, in single precision; node pairs cost `cost`
+    /// (n, m) for each unit of length.
+    fn scan<'py>(
+        &self,
+        py: Python<'py>,
+        cost: PyReadonlyArray2<'py, f64>,
+        starts: Vec<usize>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.check(&cost, &starts)?;
+        let cost = cost.as_slice()?;
+        Ok(threads::run(py, || self.core.scan(cost, &starts))?.into_pyarray(py))
     }
 
     /// Cost and node pairs (k, 2) of the cheapest matching from any of the starts; None if all are forbidden.
     fn solve<'py>(
         &self,
         py: Python<'py>,
+        cost: PyReadonlyArray2<'py, f64>,
         starts: Vec<usize>,
     ) -> PyResult<Option<(f64, Bound<'py, PyArray2<i64>>)>> {
-        self.check(&starts)?;
-        let found = py.detach(|| self.problem().solve_best(&starts));
+        self.check(&cost, &starts)?;
+        let cost = cost.as_slice()?;
+        let found = py.detach(|| self.core.solve(cost, &starts));
         Ok(found.map(|(cost, path)| {
             let flat: Vec<i64> = path.iter().flatten().map(|&k| k as i64).collect();
             let pairs = Array2::from_shape_vec((path.len(), 2), flat).expect("sizes agree");

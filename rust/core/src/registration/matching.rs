@@ -37,7 +37,7 @@ const STEPS: [(usize, usize); 23] = [
     (6, 5),
 ];
 
-/// The longest step on the source.
+/// The longest step, on either side.
 const LONGEST: usize = 6;
 
 /// Stands for an infinite cost of passing over a node.
@@ -47,33 +47,51 @@ const FORBIDDEN: f64 = 1e6;
 /// the rounding of some hundred sums.
 const CLOSE: (f64, f64) = (1e-4, 1e-6);
 
-/// A scan gives a thread this many starts at least: waking it takes as long as one or two.
+/// A scan gives a thread this many starts at least: waking it takes as long as a few of them.
 const STARTS_A_THREAD: usize = 16;
 
-/// What a matching costs. Positions have one entry more than nodes: the first node a full turn later.
-pub struct MatchingProblem<'a> {
+/// Target nodes that are worked out together: a few vectors, so that sums of one need not wait for those of another.
+const BLOCK: usize = 16;
+
+/// What a matching costs but for how unlike nodes are. Positions have one entry more than nodes: the first node a full
+/// turn later.
+pub struct MatchingProblem {
     /// Increasing positions of the source's nodes, from 0 to 1.
-    pub source: &'a [f64],
+    pub source: Vec<f64>,
     /// Increasing positions of the target's nodes, from 0 to 1.
-    pub target: &'a [f64],
-    /// Row-major costs of matching nodes for each unit of length.
-    pub cost: &'a [f64],
+    pub target: Vec<f64>,
     /// Row-major costs of matching nodes that are counted once: corners, forbidden pairs (infinite).
-    pub point_cost: &'a [f64],
+    pub point_cost: Vec<f64>,
     /// Costs of passing over each source node.
-    pub source_skip: &'a [f64],
+    pub source_skip: Vec<f64>,
     /// Costs of passing over each target node.
-    pub target_skip: &'a [f64],
+    pub target_skip: Vec<f64>,
     /// Weight of the stretch (r - 1)²/r, r the ratio of lengths, for each unit of length.
     pub stretch: f64,
     /// How far, in parts of the loop, a path may stray from equal positions.
     pub band: f64,
 }
 
+/// A problem with what all its matchings share.
+pub struct Matcher {
+    problem: MatchingProblem,
+    /// Costs of passing over all source nodes before each.
+    source_passed: Vec<f64>,
+    /// Target nodes from [`LONGEST`] before the first to a block after the second turn: every start finds its turn here.
+    nodes: Vec<usize>,
+    /// Their positions, counted on past a turn.
+    at: Vec<f64>,
+    single: [TargetStep<f32>; STEPS.len()],
+    double: [TargetStep<f64>; STEPS.len()],
+}
+
 /// The precision of path costs.
-trait Number: Copy + PartialOrd + Send + Sync + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
+trait Number:
+    Copy + PartialOrd + Send + Sync + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + 'static
+{
     const INFINITE: Self;
     fn of(x: f64) -> Self;
+    fn steps(matcher: &Matcher) -> &[TargetStep<Self>];
 }
 
 impl Number for f32 {
@@ -81,6 +99,10 @@ impl Number for f32 {
     #[inline(always)]
     fn of(x: f64) -> Self {
         x as Self
+    }
+    #[inline(always)]
+    fn steps(matcher: &Matcher) -> &[TargetStep<Self>] {
+        &matcher.single
     }
 }
 
@@ -90,9 +112,13 @@ impl Number for f64 {
     fn of(x: f64) -> Self {
         x
     }
+    #[inline(always)]
+    fn steps(matcher: &Matcher) -> &[TargetStep<Self>] {
+        &matcher.double
+    }
 }
 
-/// What steps that end at a target node cost whatever the source's nodes.
+/// What a kind of step costs by the target alone, indexed by its last node as in [`Matcher::nodes`].
 struct TargetStep<T> {
     length: Vec<T>,
     /// One over the length.
@@ -100,31 +126,48 @@ struct TargetStep<T> {
     skipped: Vec<T>,
 }
 
-/// Costs along the target from some node on, for one or several starts.
-struct Tables<T> {
-    /// Positions, counted on past a turn.
-    at: Vec<f64>,
-    /// Of every step, indexed by its last node.
-    steps: Vec<TargetStep<T>>,
-    /// Row-major, one row a source node.
-    cost: Vec<T>,
-    point_cost: Vec<T>,
-    /// Costs of passing over all source nodes before each.
-    source_passed: Vec<f64>,
+impl<T: Number> TargetStep<T> {
+    fn new(at: &[f64], passed: &[f64], b: usize) -> Self {
+        // The first nodes end no step.
+        let length = |j: usize| if j < b { 1.0 } else { at[j] - at[j - b] };
+        Self {
+            length: (0..at.len()).map(|j| T::of(length(j))).collect(),
+            inverse: (0..at.len()).map(|j| T::of(1.0 / length(j))).collect(),
+            skipped: (0..at.len()).map(|j| T::of(if j < b { 0.0 } else { passed[j] - passed[j - b + 1] })).collect(),
+        }
+    }
 }
 
-/// Costs of the cheapest paths to pairs of nodes, and where in each row they are finite.
+/// What a kind of step costs by the source alone, and the weight of stretch over its length.
+#[derive(Clone, Copy)]
+struct SourceStep<T> {
+    length: T,
+    stretch: T,
+    skipped: T,
+}
+
+impl<T: Number> SourceStep<T> {
+    /// Cost of a path whose cost before the step is given; `costs` are those of both node pairs.
+    #[inline(always)]
+    fn total(&self, before: T, costs: T, length: T, inverse: T, skipped: T) -> T {
+        let change = length - self.length;
+        let density = T::of(0.25) * costs + change * change * (self.stretch * inverse);
+        before + (self.skipped + skipped) + (self.length + length) * density
+    }
+}
+
+/// Costs of the cheapest paths to pairs of nodes. Rows have [`LONGEST`] infinite entries before the first node and a
+/// block of them after the last, so that steps need no check.
 struct Paths<T> {
     best: Vec<T>,
-    /// First node and the one after the last.
-    finite: Vec<[usize; 2]>,
     total: T,
 }
 
 /// Paths to find, compiled for the vector units at hand.
 struct Rows<'a, T> {
-    problem: &'a MatchingProblem<'a>,
-    tables: &'a Tables<T>,
+    matcher: &'a Matcher,
+    /// Row-major costs, one row a source node, one column for each of [`Matcher::nodes`].
+    cost: &'a [T],
     start: usize,
     depth: usize,
 }
@@ -135,24 +178,7 @@ impl<T: Number> Vectorizable for Rows<'_, T> {
     // Nothing is fused, so that every machine finds the same bits.
     #[inline(always)]
     fn run<const FUSED: bool>(self) -> Paths<T> {
-        self.problem.all_rows(self.tables, self.start, self.depth)
-    }
-}
-
-/// One step's costs: those of the source's part, and the weight of stretch over its length.
-struct SourceStep<T> {
-    length: T,
-    stretch: T,
-    skipped: T,
-}
-
-impl<T: Number> SourceStep<T> {
-    /// Cost of a path whose cost before the step is given.
-    #[inline(always)]
-    fn total(&self, before: T, costs: T, length: T, inverse: T, skipped: T) -> T {
-        let change = length - self.length;
-        let density = T::of(0.25) * costs + change * change * (self.stretch * inverse);
-        before + (self.skipped + skipped) + (self.length + length) * density
+        self.matcher.all_rows(self.cost, self.start, self.depth)
     }
 }
 
@@ -167,38 +193,47 @@ fn passed(skip: impl Iterator<Item = f64>) -> Vec<f64> {
     sums
 }
 
-impl MatchingProblem<'_> {
-    fn size(&self) -> (usize, usize) {
-        (self.source.len() - 1, self.target.len() - 1)
+/// A block of entries from `first` on.
+#[inline(always)]
+fn block<T>(values: &[T], first: usize) -> &[T; BLOCK] {
+    values[first..].first_chunk().expect("rows are padded")
+}
+
+impl Matcher {
+    /// Prepare a problem.
+    pub fn new(problem: MatchingProblem) -> Self {
+        let (n, m) = (problem.source.len() - 1, problem.target.len() - 1);
+        // So many turns before the first that no node has a negative number.
+        let turns = LONGEST.div_ceil(m);
+        let numbers = || turns * m - LONGEST..(turns + 2) * m + BLOCK;
+        let at: Vec<f64> = numbers().map(|k| problem.target[k % m] + (k / m) as f64 - turns as f64).collect();
+        let sums = passed(numbers().map(|k| problem.target_skip[k % m]));
+        Self {
+            source_passed: passed((0..=n).map(|i| problem.source_skip[i % n])),
+            nodes: numbers().map(|k| k % m).collect(),
+            single: STEPS.map(|(_, b)| TargetStep::new(&at, &sums, b)),
+            double: STEPS.map(|(_, b)| TargetStep::new(&at, &sums, b)),
+            at,
+            problem,
+        }
     }
 
-    /// Cheapest path from (source node 0, target node `start`) once round, and its cost: pairs of node numbers, the
-    /// target's counted on past a turn. The last pair closes the loop. None when every path is forbidden.
-    pub fn solve(&self, start: usize) -> Option<(f64, Vec<[usize; 2]>)> {
-        let ((n, m), tables) = (self.size(), self.tables::<f64>(start, self.target.len()));
-        let paths = self.paths(&tables, 0, n + 1);
-        if paths.total >= FORBIDDEN {
-            return None;
-        }
-        let (mut i, mut j) = (n, m);
-        let mut path = vec![[i, start + j]];
-        while i > 0 {
-            let (a, b) = self.last_step(&tables, &paths, i, j);
-            (i, j) = (i - a, j - b);
-            path.push([i, start + j]);
-        }
-        path.reverse();
-        Some((paths.total, path))
+    /// Numbers of source and target nodes.
+    pub fn size(&self) -> (usize, usize) {
+        (self.problem.source.len() - 1, self.problem.target.len() - 1)
     }
 
-    /// The cheapest of the paths from several starts, the first of equally cheap ones; see [`Self::solve`].
-    pub fn solve_best(&self, starts: &[usize]) -> Option<(f64, Vec<[usize; 2]>)> {
-        let costs = if starts.len() > 1 { self.costs(starts) } else { vec![0.0; starts.len()] };
-        let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
+    /// The cheapest path from source node 0 and any of the target nodes `starts` once round, the first of equally cheap
+    /// ones, and its cost: pairs of node numbers, the target's counted on past a turn. The last pair closes the loop.
+    /// None when every path is forbidden. `cost` has row-major costs of matching nodes for each unit of length.
+    pub fn solve(&self, cost: &[f64], starts: &[usize]) -> Option<(f64, Vec<[usize; 2]>)> {
+        let rough = if starts.len() > 1 { self.costs(&self.unrolled(cost), starts) } else { vec![0.0] };
+        let least = rough.iter().copied().fold(f64::INFINITY, f64::min);
+        let cost = self.unrolled::<f64>(cost);
         let mut best: Option<(f64, Vec<[usize; 2]>)> = None;
-        for (&start, cost) in starts.iter().zip(costs) {
-            if cost <= least * (1.0 + CLOSE.0) + CLOSE.1
-                && let Some(found) = self.solve(start)
+        for (&start, rough) in starts.iter().zip(rough) {
+            if rough <= least * (1.0 + CLOSE.0) + CLOSE.1
+                && let Some(found) = self.solve_from(&cost, start)
                 && best.as_ref().is_none_or(|best| found.0 < best.0)
             {
                 best = Some(found);
@@ -208,145 +243,145 @@ impl MatchingProblem<'_> {
     }
 
     /// Cost of the cheapest path from every one of the `starts`, in single precision; infinite where all are forbidden.
-    pub fn scan(&self, starts: &[usize]) -> Vec<f64> {
-        starts.par_chunks(STARTS_A_THREAD).flat_map_iter(|part| self.costs(part)).collect()
+    pub fn scan(&self, cost: &[f64], starts: &[usize]) -> Vec<f64> {
+        let cost = self.unrolled(cost);
+        starts.par_chunks(STARTS_A_THREAD).flat_map_iter(|part| self.costs(&cost, part)).collect()
     }
 
-    fn costs(&self, starts: &[usize]) -> Vec<f64> {
-        let tables = self.tables::<f32>(0, 2 * self.size().1);
-        let cost = |&start| f64::from(self.paths(&tables, start, LONGEST + 1).total);
-        starts.iter().map(cost).map(|cost| if cost >= FORBIDDEN { f64::INFINITY } else { cost }).collect()
+    fn costs(&self, cost: &[f32], starts: &[usize]) -> Vec<f64> {
+        let total = |&start| f64::from(self.paths(cost, start, LONGEST + 1).total);
+        starts.iter().map(total).map(|cost| if cost >= FORBIDDEN { f64::INFINITY } else { cost }).collect()
     }
 
-    /// Tables of `width` target nodes from `first` on.
-    fn tables<T: Number>(&self, first: usize, width: usize) -> Tables<T> {
+    /// Costs with a column for each of the nodes.
+    fn unrolled<T: Number>(&self, cost: &[f64]) -> Vec<T> {
         let (n, m) = self.size();
-        let at: Vec<f64> =
-            (first..first + width).map(|j| self.target[j % m] + (j / m) as f64).collect();
-        let sums = passed((first..first + width).map(|j| self.target_skip[j % m]));
-        let step = |&(_, b): &(usize, usize)| {
-            let length = |j: usize| if j < b { 1.0 } else { at[j] - at[j - b] };
-            TargetStep {
-                length: (0..width).map(|j| T::of(length(j))).collect(),
-                inverse: (0..width).map(|j| T::of(1.0 / length(j))).collect(),
-                skipped: (0..width).map(|j| T::of(if j < b { 0.0 } else { sums[j] - sums[j - b + 1] })).collect(),
-            }
-        };
-        let unrolled = |values: &[f64]| {
-            let mut out = Vec::with_capacity(n * width);
-            for row in values.chunks_exact(m) {
-                out.extend((first..first + width).map(|j| T::of(row[j % m])));
-            }
-            out
-        };
-        Tables {
-            steps: STEPS.iter().map(step).collect(),
-            cost: unrolled(self.cost),
-            point_cost: unrolled(self.point_cost),
-            source_passed: passed((0..=n).map(|i| self.source_skip[i % n])),
-            at,
+        assert_eq!(cost.len(), n * m, "one cost a pair of nodes");
+        let mut out = Vec::with_capacity(n * self.nodes.len());
+        for row in cost.chunks_exact(m) {
+            out.extend(self.nodes.iter().map(|&j| T::of(row[j])));
         }
+        out
+    }
+
+    fn solve_from(&self, cost: &[f64], start: usize) -> Option<(f64, Vec<[usize; 2]>)> {
+        let (n, m) = self.size();
+        let paths = self.paths(cost, start, n + 1);
+        if paths.total >= FORBIDDEN {
+            return None;
+        }
+        let (mut i, mut j) = (n, m);
+        let mut path = vec![[i, start + j]];
+        while i > 0 {
+            let (a, b) = self.last_step(cost, &paths, start, i, j);
+            (i, j) = (i - a, j - b);
+            path.push([i, start + j]);
+        }
+        path.reverse();
+        Some((paths.total, path))
     }
 
     /// The source's part of a step to node `i`.
     #[inline(always)]
-    fn source_step<T: Number>(&self, tables: &Tables<T>, i: usize, a: usize) -> SourceStep<T> {
-        let length = self.source[i] - self.source[i - a];
+    fn source_step<T: Number>(&self, i: usize, a: usize) -> SourceStep<T> {
+        let length = self.problem.source[i] - self.problem.source[i - a];
         SourceStep {
             length: T::of(length),
-            stretch: T::of(0.5 * self.stretch / length),
-            skipped: T::of(tables.source_passed[i] - tables.source_passed[i - a + 1]),
+            stretch: T::of(0.5 * self.problem.stretch / length),
+            skipped: T::of(self.source_passed[i] - self.source_passed[i - a + 1]),
         }
     }
 
-    /// Paths from a start, given as an index into the tables. The last `depth` rows are kept.
-    fn paths<T: Number>(&self, tables: &Tables<T>, start: usize, depth: usize) -> Paths<T> {
-        vectorized(Rows { problem: self, tables, start, depth })
+    /// Paths from a start. The last `depth` rows are kept.
+    fn paths<T: Number>(&self, cost: &[T], start: usize, depth: usize) -> Paths<T> {
+        vectorized(Rows { matcher: self, cost, start, depth })
     }
 
     #[inline(always)]
-    fn all_rows<T: Number>(&self, tables: &Tables<T>, start: usize, depth: usize) -> Paths<T> {
-        let ((n, m), width) = (self.size(), tables.at.len());
-        let mut paths = Paths { best: vec![T::INFINITE; depth * (m + 1)], finite: vec![[0, 1]], total: T::INFINITE };
-        paths.best[0] = tables.point_cost[start];
-        let mut row = vec![T::INFINITE; m + 1];
+    fn all_rows<T: Number>(&self, cost: &[T], start: usize, depth: usize) -> Paths<T> {
+        let (n, m) = self.size();
+        let (columns, stride) = (self.nodes.len(), row_length(m));
+        let point = |i: usize, j: usize| T::of(self.problem.point_cost[i * m + self.nodes[start + j]]);
+        let mut paths = Paths { best: vec![T::INFINITE; depth * stride], total: T::INFINITE };
+        paths.best[LONGEST] = point(0, LONGEST);
+        // Where rows are finite, as entries: the first one and the one after the last.
+        let mut finite = vec![[LONGEST, LONGEST + 1]];
+        let mut row = vec![T::INFINITE; stride];
         for i in 1..=n {
-            let [low, high] = self.within_band(&tables.at[start..], i);
+            let [low, high] = self.within_band(start, i);
             row.fill(T::INFINITE);
-            for (&(a, b), step) in STEPS.iter().zip(&tables.steps) {
-                if a > i {
-                    continue;
+            let steps: [SourceStep<T>; STEPS.len()] =
+                std::array::from_fn(|k| self.source_step(i, STEPS[k].0.min(i)));
+            for first in (low..high).step_by(BLOCK) {
+                let mut least = [T::INFINITE; BLOCK];
+                let here = block(cost, i % n * columns + start + first);
+                for ((&(a, b), source), step) in STEPS.iter().zip(&steps).zip(T::steps(self)) {
+                    if a > i || finite[i - a][0] + b >= first + BLOCK || finite[i - a][1] + b <= first {
+                        continue;
+                    }
+                    let before = block(&paths.best, (i - a) % depth * stride + first - b);
+                    let there = block(cost, (i - a) * columns + start + first - b);
+                    let [length, inverse, skipped] =
+                        [&step.length, &step.inverse, &step.skipped].map(|values| block(values, start + first));
+                    for j in 0..BLOCK {
+                        let total =
+                            source.total(before[j], here[j] + there[j], length[j], inverse[j], skipped[j]);
+                        least[j] = if total < least[j] { total } else { least[j] };
+                    }
                 }
-                let [from, to] = paths.finite[i - a];
-                let (from, to) = (low.max(from + b), high.min(to + b));
-                if from >= to {
-                    continue;
-                }
-                let source = self.source_step(tables, i, a);
-                let (size, at) = (to - from, start + from);
-                let before = &paths.best[(i - a) % depth * (m + 1) + from - b..][..size];
-                let here = &tables.cost[i % n * width + at..][..size];
-                let there = &tables.cost[(i - a) % n * width + at - b..][..size];
-                let (length, inverse) = (&step.length[at..][..size], &step.inverse[at..][..size]);
-                let (skipped, out) = (&step.skipped[at..][..size], &mut row[from..to]);
-                for j in 0..size {
-                    let total = source.total(before[j], here[j] + there[j], length[j], inverse[j], skipped[j]);
-                    out[j] = if total < out[j] { total } else { out[j] };
-                }
+                row[first..][..BLOCK].copy_from_slice(&least);
             }
+            row[high..].fill(T::INFINITE);
             if i < n {
-                let point = &tables.point_cost[i * width + start..];
-                (low..high).for_each(|j| row[j] = row[j] + point[j]);
+                (low..high).for_each(|j| row[j] = row[j] + point(i, j));
             }
-            let mut finite = [low, high];
-            while finite[0] < finite[1] && row[finite[0]] >= T::of(FORBIDDEN) {
-                finite[0] += 1;
-            }
-            while finite[0] < finite[1] && row[finite[1] - 1] >= T::of(FORBIDDEN) {
-                finite[1] -= 1;
-            }
-            paths.finite.push(finite);
-            paths.best[i % depth * (m + 1)..][..=m].copy_from_slice(&row);
+            let allowed = |j: &usize| row[*j] < T::of(FORBIDDEN);
+            let from = (low..high).find(allowed).unwrap_or(high);
+            finite.push([from, (from..high).rfind(allowed).map_or(from, |j| j + 1)]);
+            paths.best[i % depth * stride..][..stride].copy_from_slice(&row);
         }
-        paths.total = row[m];
+        paths.total = row[LONGEST + m];
         paths
     }
 
-    /// Target nodes, numbered from the start with positions `at`, that source node `i` may be matched to: the first one
-    /// and the one after the last.
-    fn within_band(&self, at: &[f64], i: usize) -> [usize; 2] {
+    /// Entries of a row, for paths from a start, that source node `i` may be matched to: the first one and the one after
+    /// the last.
+    fn within_band(&self, start: usize, i: usize) -> [usize; 2] {
         let (n, m) = self.size();
         // Only the closing pair may meet the first source node again.
         if i == n {
-            return [m, m + 1];
+            return [LONGEST + m, LONGEST + m + 1];
         }
-        let low = at[..m].partition_point(|t| t - at[0] < self.source[i] - self.band).max(1);
-        let high = at[..m].partition_point(|t| t - at[0] <= self.source[i] + self.band);
-        [low, high.max(low)]
+        let (at, here, band) = (&self.at[start..], self.problem.source[i], self.problem.band);
+        let (first, last) = (LONGEST + 1, LONGEST + m);
+        let low = at[first..last].partition_point(|t| t - at[LONGEST] < here - band);
+        let high = at[first..last].partition_point(|t| t - at[LONGEST] <= here + band);
+        [first + low, first + high.max(low)]
     }
 
     /// The last step of the cheapest path to a pair of nodes.
-    fn last_step(&self, tables: &Tables<f64>, paths: &Paths<f64>, i: usize, j: usize) -> (usize, usize) {
-        let ((n, m), width) = (self.size(), tables.at.len());
+    fn last_step(&self, cost: &[f64], paths: &Paths<f64>, start: usize, i: usize, j: usize) -> (usize, usize) {
+        let ((n, m), columns, j) = (self.size(), self.nodes.len(), j + LONGEST);
         let (mut low, mut last) = (f64::INFINITY, STEPS[0]);
-        for (&(a, b), step) in STEPS.iter().zip(&tables.steps) {
-            if a > i || b > j || !(paths.finite[i - a][0]..paths.finite[i - a][1]).contains(&(j - b)) {
+        for (&(a, b), step) in STEPS.iter().zip(&self.double) {
+            if a > i {
                 continue;
             }
-            let costs = tables.cost[i % n * width + j] + tables.cost[(i - a) % n * width + j - b];
-            let total = self.source_step(tables, i, a).total(
-                paths.best[(i - a) * (m + 1) + j - b],
-                costs,
-                step.length[j],
-                step.inverse[j],
-                step.skipped[j],
-            );
+            let costs = cost[i % n * columns + start + j] + cost[(i - a) * columns + start + j - b];
+            let before = paths.best[(i - a) * row_length(m) + j - b];
+            let (length, inverse) = (step.length[start + j], step.inverse[start + j]);
+            let total = self.source_step(i, a).total(before, costs, length, inverse, step.skipped[start + j]);
             if total < low {
                 (low, last) = (total, (a, b));
             }
         }
         last
     }
+}
+
+/// Length of a row of path costs with `m` target nodes.
+fn row_length(m: usize) -> usize {
+    LONGEST + m + 1 + BLOCK
 }
 
 #[cfg(test)]
@@ -363,17 +398,16 @@ mod tests {
     }
 
     impl Data {
-        fn problem<'a>(&'a self, zero: &'a [f64]) -> MatchingProblem<'a> {
-            MatchingProblem {
-                source: &self.source,
-                target: &self.target,
-                cost: &self.cost,
-                point_cost: zero,
-                source_skip: &self.skip[0],
-                target_skip: &self.skip[1],
+        fn matcher(&self, point_cost: &[f64]) -> Matcher {
+            Matcher::new(MatchingProblem {
+                source: self.source.clone(),
+                target: self.target.clone(),
+                point_cost: point_cost.to_vec(),
+                source_skip: self.skip[0].clone(),
+                target_skip: self.skip[1].clone(),
                 stretch: 0.1,
                 band: 1.0,
-            }
+            })
         }
     }
 
@@ -396,8 +430,8 @@ mod tests {
     }
 
     /// Cost of a path, added up pair by pair.
-    fn price(p: &MatchingProblem<'_>, path: &[[usize; 2]]) -> f64 {
-        let (n, m) = p.size();
+    fn price(p: &MatchingProblem, cost: &[f64], path: &[[usize; 2]]) -> f64 {
+        let (n, m) = (p.source.len() - 1, p.target.len() - 1);
         let (at_s, at_t) =
             (|i: usize| p.source[i % n] + (i / n) as f64, |j: usize| p.target[j % m] + (j / m) as f64);
         let node = |[i, j]: [usize; 2]| (i % n) * m + j % m;
@@ -405,7 +439,7 @@ mod tests {
             let (ds, dt) = (at_s(w[1][0]) - at_s(w[0][0]), at_t(w[1][1]) - at_t(w[0][1]));
             let passed = (w[0][0] + 1..w[1][0]).map(|i| p.source_skip[i % n]).sum::<f64>()
                 + (w[0][1] + 1..w[1][1]).map(|j| p.target_skip[j % m]).sum::<f64>();
-            (p.cost[node(w[0])] + p.cost[node(w[1])]) * (ds + dt) / 4.0
+            (cost[node(w[0])] + cost[node(w[1])]) * (ds + dt) / 4.0
                 + p.stretch * (dt / ds - 1.0).powi(2) / (dt / ds) * (ds + dt) / 2.0
                 + passed
         };
@@ -413,17 +447,17 @@ mod tests {
     }
 
     /// The cheapest continuation of a path to the pair `end`, by trying all.
-    fn cheapest(p: &MatchingProblem<'_>, path: &mut Vec<[usize; 2]>, end: [usize; 2]) -> f64 {
+    fn cheapest(p: &MatchingProblem, cost: &[f64], path: &mut Vec<[usize; 2]>, end: [usize; 2]) -> f64 {
         let last = path[path.len() - 1];
         if last == end {
-            return price(p, path);
+            return price(p, cost, path);
         }
         let mut best = f64::INFINITY;
         for (a, b) in STEPS {
             let next = [last[0] + a, last[1] + b];
             if next == end || (next[0] < end[0] && next[1] < end[1]) {
                 path.push(next);
-                best = best.min(cheapest(p, path, end));
+                best = best.min(cheapest(p, cost, path, end));
                 path.pop();
             }
         }
@@ -434,18 +468,20 @@ mod tests {
         #[test]
         fn no_path_is_cheaper(data in data(), start in 0usize..3) {
             let zero = vec![0.0; data.cost.len()];
-            let problem = data.problem(&zero);
-            let (n, m) = problem.size();
-            let (cost, path) = problem.solve(start).expect("nothing is forbidden");
+            let matcher = data.matcher(&zero);
+            let (problem, (n, m)) = (&matcher.problem, matcher.size());
+            let solve = |start| matcher.solve(&data.cost, &[start]).expect("nothing is forbidden");
+            let (cost, path) = solve(start);
             prop_assert_eq!(path[0], [0, start]);
             prop_assert_eq!(path[path.len() - 1], [n, start + m]);
-            prop_assert!((price(&problem, &path) - cost).abs() < 1e-12);
-            prop_assert!((cheapest(&problem, &mut vec![[0, start]], [n, start + m]) - cost).abs() < 1e-12);
-            prop_assert!((problem.scan(&[start])[0] - cost).abs() < 1e-5 * (1.0 + cost));
-            let starts = [0, 1, 2];
-            let all = starts.map(|start| problem.solve(start).expect("nothing is forbidden"));
+            prop_assert!((price(problem, &data.cost, &path) - cost).abs() < 1e-12);
+            let by_trying = cheapest(problem, &data.cost, &mut vec![[0, start]], [n, start + m]);
+            prop_assert!((by_trying - cost).abs() < 1e-12);
+            prop_assert!((matcher.scan(&data.cost, &[start])[0] - cost).abs() < 1e-5 * (1.0 + cost));
+            let all = [0, 1, 2].map(solve);
             let best = all.iter().map(|(cost, _)| *cost).fold(f64::INFINITY, f64::min);
-            prop_assert_eq!(problem.solve_best(&starts), all.into_iter().find(|(cost, _)| *cost == best));
+            let first = all.into_iter().find(|(cost, _)| *cost == best);
+            prop_assert_eq!(matcher.solve(&data.cost, &[0, 1, 2]), first);
         }
 
         #[test]
@@ -458,7 +494,7 @@ mod tests {
             let mut data = data;
             data.skip[0][i] = f64::INFINITY;
             data.skip[1][j] = f64::INFINITY;
-            if let Some((_, path)) = data.problem(&point).solve(0) {
+            if let Some((_, path)) = data.matcher(&point).solve(&data.cost, &[0]) {
                 prop_assert!(path.contains(&[i, j]));
             } else {
                 // Steps pass no more than five nodes, and the ratio of nodes is that of a step.
