@@ -60,7 +60,9 @@ def main(names: list[str]) -> None:
         outlines = [Outline(loop) for loop in source.boundary().loops]
         shape = BoundaryShape.sample(outlines)
 
-        def work(outlines: list[Outline] = outlines, target: pt.Boundary = target, shape: BoundaryShape = shape) -> None:
+        def work(
+            outlines: list[Outline] = outlines, target: pt.Boundary = target, shape: BoundaryShape = shape
+        ) -> None:
             register(outlines, target, sampled=lambda: shape)
 
         whole, times = cpu(work), profile(work)

@@ -416,7 +416,10 @@ def _profiles(source: BoundaryShape, target: BoundaryShape, k: int, partner: int
     # Distances are symmetric, and rows are quicker to take than columns.
     block = target.distances[target.rows(0), target.rows(partner)]
     y = block[index] * (1 - fraction)[:, None] + block[(index + 1) % len(block)] * fraction[:, None]
-    squared = near.square[rows, None] - 2 * product(near.weighted[rows], y) + product(near.weight[rows], y * y)
+    squared = product(near.weighted[rows], y)
+    squared *= -2
+    squared += near.square[rows, None]
+    squared += product(near.weight[rows], y * y)
     # Rounding leaves tiny negative numbers on similar shapes.
     return np.asarray(np.maximum(squared, 0.0))
 

@@ -209,9 +209,7 @@ def register(
         anchors = landmark_anchors(placed[placed["source_loop"] == k], outline, other, k)
         given[k] = anchors if marked_curves else corners_between(anchors, outline, other)
     single = single_patch or [[False] * len(outline.curves) for outline in source_loops]
-    loops, warnings = _correspondences(
-        source_loops, target_loops, partner, given, marked_curves, single, sampled
-    )
+    loops, warnings = _correspondences(source_loops, target_loops, partner, given, marked_curves, single, sampled)
     for k, loop in enumerate(loops):
         if loop.confidence < AMBIGUOUS:
             warnings.append(

@@ -94,8 +94,7 @@ class BoundaryShape:
 
     @cached_property
     def turning(self) -> tuple[FloatArray, ...]:
-        """Of every loop, turning (n_k, windows) about its nodes: the angles between the chords that arrive at and leave
-        them, in parts of half a turn."""
+        """Angles (n_k, windows) between the chords that arrive at and leave the nodes of every loop, in half turns."""
         pairs = zip(self.outlines, self.s, strict=True)
         return tuple(core_turning(outline.core, s, WINDOWS) for outline, s in pairs)
 

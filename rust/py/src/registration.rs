@@ -65,7 +65,11 @@ struct Sliding {
 
 impl Sliding {
     fn check(&self, n: usize) -> PyResult<()> {
-        if n == self.core.size() { Ok(()) } else { Err(PyValueError::new_err("one position a point, please")) }
+        if n == self.core.size() {
+            Ok(())
+        } else {
+            Err(PyValueError::new_err("one position a point, please"))
+        }
     }
 
     fn outlines(&self) -> Vec<&CoreOutline> {

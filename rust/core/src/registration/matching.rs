@@ -133,7 +133,9 @@ impl<T: Number> TargetStep<T> {
         Self {
             length: (0..at.len()).map(|j| T::of(length(j))).collect(),
             inverse: (0..at.len()).map(|j| T::of(1.0 / length(j))).collect(),
-            skipped: (0..at.len()).map(|j| T::of(if j < b { 0.0 } else { passed[j] - passed[j - b + 1] })).collect(),
+            skipped: (0..at.len())
+                .map(|j| T::of(if j < b { 0.0 } else { passed[j] - passed[j - b + 1] }))
+                .collect(),
         }
     }
 }
@@ -147,11 +149,12 @@ struct SourceStep<T> {
 }
 
 impl<T: Number> SourceStep<T> {
-    /// Cost of a path whose cost before the step is given; `costs` are those of both node pairs.
+    /// Cost of a path whose cost before the step is given; `costs` are
+    /// quarters of those of both node pairs.
     #[inline(always)]
     fn total(&self, before: T, costs: T, length: T, inverse: T, skipped: T) -> T {
         let change = length - self.length;
-        let density = T::of(0.25) * costs + change * change * (self.stretch * inverse);
+        let density = costs + change * change * (self.stretch * inverse);
         before + (self.skipped + skipped) + (self.length + length) * density
     }
 }
@@ -166,10 +169,11 @@ struct Paths<T> {
 /// Paths to find, compiled for the vector units at hand.
 struct Rows<'a, T> {
     matcher: &'a Matcher,
-    /// Row-major costs, one row a source node, one column for each of [`Matcher::nodes`].
+    /// See [`Matcher::unrolled`].
     cost: &'a [T],
     start: usize,
     depth: usize,
+    limit: T,
 }
 
 impl<T: Number> Vectorizable for Rows<'_, T> {
@@ -178,7 +182,7 @@ impl<T: Number> Vectorizable for Rows<'_, T> {
     // Nothing is fused, so that every machine finds the same bits.
     #[inline(always)]
     fn run<const FUSED: bool>(self) -> Paths<T> {
-        self.matcher.all_rows(self.cost, self.start, self.depth)
+        self.matcher.all_rows(self.cost, self.start, self.depth, self.limit)
     }
 }
 
@@ -227,13 +231,12 @@ impl Matcher {
     /// ones, and its cost: pairs of node numbers, the target's counted on past a turn. The last pair closes the loop.
     /// None when every path is forbidden. `cost` has row-major costs of matching nodes for each unit of length.
     pub fn solve(&self, cost: &[f64], starts: &[usize]) -> Option<(f64, Vec<[usize; 2]>)> {
-        let rough = if starts.len() > 1 { self.costs(&self.unrolled(cost), starts) } else { vec![0.0] };
-        let least = rough.iter().copied().fold(f64::INFINITY, f64::min);
+        let (rough, limit) = self.compared(cost, starts);
         let cost = self.unrolled::<f64>(cost);
         let mut best: Option<(f64, Vec<[usize; 2]>)> = None;
         for (&start, rough) in starts.iter().zip(rough) {
-            if rough <= least * (1.0 + CLOSE.0) + CLOSE.1
-                && let Some(found) = self.solve_from(&cost, start)
+            if rough <= limit
+                && let Some(found) = self.solve_from(&cost, start, limit)
                 && best.as_ref().is_none_or(|best| found.0 < best.0)
             {
                 best = Some(found);
@@ -248,26 +251,45 @@ impl Matcher {
         starts.par_chunks(STARTS_A_THREAD).flat_map_iter(|part| self.costs(&cost, part)).collect()
     }
 
+    /// Costs from the starts in single precision, where they may be the least ones, and what the least cost in double
+    /// precision cannot exceed.
+    fn compared(&self, cost: &[f64], starts: &[usize]) -> (Vec<f64>, f64) {
+        let (mut found, mut limit) = (vec![0.0; starts.len()], FORBIDDEN);
+        if starts.len() > 1 {
+            let cost = self.unrolled(cost);
+            let middle = starts.len() / 2;
+            let mut order: Vec<usize> = (0..starts.len()).collect();
+            // The best of neighbours is likely the middle one: most paths from the others end early then.
+            order.sort_by_key(|k| k.abs_diff(middle));
+            for k in order {
+                found[k] = f64::from(self.paths(&cost, starts[k], LONGEST + 1, limit as f32).total);
+                limit = limit.min(found[k] * (1.0 + CLOSE.0) + CLOSE.1);
+            }
+        }
+        (found, limit)
+    }
+
     fn costs(&self, cost: &[f32], starts: &[usize]) -> Vec<f64> {
-        let total = |&start| f64::from(self.paths(cost, start, LONGEST + 1).total);
+        let total = |&start| f64::from(self.paths(cost, start, LONGEST + 1, FORBIDDEN as f32).total);
         starts.iter().map(total).map(|cost| if cost >= FORBIDDEN { f64::INFINITY } else { cost }).collect()
     }
 
-    /// Costs with a column for each of the nodes.
+    /// Quarters of the costs, with a column for each of the nodes.
     fn unrolled<T: Number>(&self, cost: &[f64]) -> Vec<T> {
         let (n, m) = self.size();
         assert_eq!(cost.len(), n * m, "one cost a pair of nodes");
         let mut out = Vec::with_capacity(n * self.nodes.len());
         for row in cost.chunks_exact(m) {
-            out.extend(self.nodes.iter().map(|&j| T::of(row[j])));
+            out.extend(self.nodes.iter().map(|&j| T::of(0.25 * row[j])));
         }
         out
     }
 
-    fn solve_from(&self, cost: &[f64], start: usize) -> Option<(f64, Vec<[usize; 2]>)> {
+    /// The cheapest path from a start, if it costs less than `limit`.
+    fn solve_from(&self, cost: &[f64], start: usize, limit: f64) -> Option<(f64, Vec<[usize; 2]>)> {
         let (n, m) = self.size();
-        let paths = self.paths(cost, start, n + 1);
-        if paths.total >= FORBIDDEN {
+        let paths = self.paths(cost, start, n + 1, limit);
+        if paths.total >= limit {
             return None;
         }
         let (mut i, mut j) = (n, m);
@@ -292,13 +314,14 @@ impl Matcher {
         }
     }
 
-    /// Paths from a start. The last `depth` rows are kept.
-    fn paths<T: Number>(&self, cost: &[T], start: usize, depth: usize) -> Paths<T> {
-        vectorized(Rows { matcher: self, cost, start, depth })
+    /// Paths from a start that cost less than `limit`; nothing costs less than 0, so that none of these comes from one
+    /// that does not. The last `depth` rows are kept.
+    fn paths<T: Number>(&self, cost: &[T], start: usize, depth: usize, limit: T) -> Paths<T> {
+        vectorized(Rows { matcher: self, cost, start, depth, limit })
     }
 
     #[inline(always)]
-    fn all_rows<T: Number>(&self, cost: &[T], start: usize, depth: usize) -> Paths<T> {
+    fn all_rows<T: Number>(&self, cost: &[T], start: usize, depth: usize, limit: T) -> Paths<T> {
         let (n, m) = self.size();
         let (columns, stride) = (self.nodes.len(), row_length(m));
         let point = |i: usize, j: usize| T::of(self.problem.point_cost[i * m + self.nodes[start + j]]);
@@ -321,8 +344,8 @@ impl Matcher {
                     }
                     let before = block(&paths.best, (i - a) % depth * stride + first - b);
                     let there = block(cost, (i - a) * columns + start + first - b);
-                    let [length, inverse, skipped] =
-                        [&step.length, &step.inverse, &step.skipped].map(|values| block(values, start + first));
+                    let [length, inverse, skipped] = [&step.length, &step.inverse, &step.skipped]
+                        .map(|values| block(values, start + first));
                     for j in 0..BLOCK {
                         let total =
                             source.total(before[j], here[j] + there[j], length[j], inverse[j], skipped[j]);
@@ -335,7 +358,7 @@ impl Matcher {
             if i < n {
                 (low..high).for_each(|j| row[j] = row[j] + point(i, j));
             }
-            let allowed = |j: &usize| row[*j] < T::of(FORBIDDEN);
+            let allowed = |j: &usize| row[*j] < limit;
             let from = (low..high).find(allowed).unwrap_or(high);
             finite.push([from, (from..high).rfind(allowed).map_or(from, |j| j + 1)]);
             paths.best[i % depth * stride..][..stride].copy_from_slice(&row);
@@ -360,7 +383,14 @@ impl Matcher {
     }
 
     /// The last step of the cheapest path to a pair of nodes.
-    fn last_step(&self, cost: &[f64], paths: &Paths<f64>, start: usize, i: usize, j: usize) -> (usize, usize) {
+    fn last_step(
+        &self,
+        cost: &[f64],
+        paths: &Paths<f64>,
+        start: usize,
+        i: usize,
+        j: usize,
+    ) -> (usize, usize) {
         let ((n, m), columns, j) = (self.size(), self.nodes.len(), j + LONGEST);
         let (mut low, mut last) = (f64::INFINITY, STEPS[0]);
         for (&(a, b), step) in STEPS.iter().zip(&self.double) {

@@ -279,8 +279,11 @@ mod tests {
 
     /// Four quadratic arcs.
     fn loop_of_arcs() -> Outline {
-        let arc = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
-            SplineCurve { degree: 2, knots: vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0], points: vec![a, b, c], weights: None }
+        let arc = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| SplineCurve {
+            degree: 2,
+            knots: vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0],
+            points: vec![a, b, c],
+            weights: None,
         };
         Outline::new(&[
             arc([2.0, 0.0], [2.0, 1.0], [0.0, 1.0]),
@@ -305,7 +308,8 @@ mod tests {
         });
         let turning = turning(outline, &s, &windows);
         let weights = vec![0.1 / n as f64; n];
-        let of_loop = SlidingLoop { nodes: s.clone(), first: 0, turning, turning_weight: weights, part, stretch: 0.03 };
+        let of_loop =
+            SlidingLoop { nodes: s.clone(), first: 0, turning, turning_weight: weights, part, stretch: 0.03 };
         let loops = vec![of_loop];
         (Sliding { loops, wanted: distances.clone(), distances, weight, windows, plate }, s)
     }
@@ -316,7 +320,8 @@ mod tests {
         for bending in [false, true] {
             let (sliding, truth) = sliding(&outline, 40, bending);
             let step = outline.length() / 40.0;
-            let x: Vec<f64> = truth.iter().enumerate().map(|(k, s)| s + 0.3 * step * (k as f64 * 0.7).sin()).collect();
+            let x: Vec<f64> =
+                truth.iter().enumerate().map(|(k, s)| s + 0.3 * step * (k as f64 * 0.7).sin()).collect();
             let mut held = vec![false; 40];
             held[0] = true;
             let before = sliding.model(&[&outline], &x).energy;
@@ -345,7 +350,11 @@ mod tests {
                 sliding.model(&[&outline], &x).energy
             };
             let slope = (at(0.1 * h) - at(-0.1 * h)) / (0.2 * h);
-            assert!((slope - model.gradient[i]).abs() < 2e-2 * (0.1 + slope.abs()), "{slope} {}", model.gradient[i]);
+            assert!(
+                (slope - model.gradient[i]).abs() < 2e-2 * (0.1 + slope.abs()),
+                "{slope} {}",
+                model.gradient[i]
+            );
             assert!(model.hessian[i * 24 + i] > 0.0);
         }
     }
