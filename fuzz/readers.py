@@ -21,7 +21,7 @@ import atheris
 import numpy as np
 
 with atheris.instrument_imports(include=["patchtransfer", "svg"]):
-    import svg.path  # noqa: F401
+    import svg.path
 
     import patchtransfer as pt
     from patchtransfer import io
