@@ -82,9 +82,16 @@ class Options:
         return replace(self, fixed_correspondence=self.method == "paper")
 
     @property
+    def refines(self) -> bool:
+        """Whether the source may get more knots: the paper's method is a baseline, and does so on demand only."""
+        return self.refine == "tolerance" or (self.refine == "auto" and self.method != "paper")
+
+    @property
     def refined_beyond(self) -> float:
         """Boundary error above which knots are inserted into the source."""
-        return {"never": math.inf, "auto": MISSED * self.fit_tolerance, "tolerance": self.fit_tolerance}[self.refine]
+        if not self.refines:
+            return math.inf
+        return self.fit_tolerance * (MISSED if self.refine == "auto" else 1.0)
 
     def keywords(self) -> TransferOptions:
         """As keyword arguments of a transfer."""

@@ -77,7 +77,7 @@ def transfer(
         "auto" inserts knots into the source, in whole strips of patches, where its boundary misses the target by
         more than five times `fit_tolerance`, until it is met, and refines the source uniformly once if no certified
         map is found; the result's ``refined`` and a warning tell. "tolerance" does so wherever the boundary misses by
-        more than `fit_tolerance`. Patches are never split.
+        more than `fit_tolerance`, and with method "paper", which "auto" leaves alone, as well. Patches are never split.
     fit_tolerance : float, default 1e-3
         Boundary error, relative to the target's diameter, that the fit should reach.
     fixed_correspondence : bool, optional
@@ -164,7 +164,7 @@ class TransferPlan:
             notes += refined
             run = run.part(HALF)
         result = plan._attempt(registered, fitted, movable, run)
-        if chosen.refine != "never" and not result.certificate.injective and not run.budget.expired():
+        if chosen.refines and not result.certificate.injective and not run.budget.expired():
             plan, registered = plan._refined(span_middles(plan.source.patches), registered)
             fitted = plan._boundary.fit(registered.registration, run)
             finer = plan._attempt(registered, fitted, movable, run)
