@@ -90,7 +90,8 @@ def _weld_weights(multipatch: MultiPatch) -> tuple[list[FloatArray | None] | Non
     if not multipatch.is_rational:
         return None, gaps, []
     sides = [_side_weights(multipatch, i) for i in range(len(gaps))]
-    apart = [float(np.abs(a / b - 1).max()) for a, b in sides]
+    # Of the larger one, for ratios may overflow.
+    apart = [float((np.abs(a - b) / np.maximum(a, b)).max()) for a, b in sides]
     # Sides whose weights are the same up to a factor are the same curve already.
     found = [i for i, (a, b) in enumerate(sides) if apart[i] > 0.0 and not _proportional(a, b)]
     for i in found:
