@@ -20,7 +20,7 @@ from .blocks import Block, renumbered
 from .boundary import Boundary
 from .conformity.conforming import Conforming, conforming
 from .interfaces import check_interfaces, infer_interfaces
-from .labels import Labels, checked
+from .labels import Labels, checked, relabelled
 from .location import locate
 from .packing import PackedPatches, pack_patches, unpack_patches
 from .patch import Patch
@@ -286,7 +286,7 @@ class MultiPatch:
             return self, made, []
         first = max(self.ids) + 1
         ids = [*self.ids, *range(first, first + len(made.patches) - len(self.ids))]
-        labels = {name: [part for side in sides for part in made.parts[side]] for name, sides in self.sides.items()}
+        labels, _ = relabelled(self.sides, made.parts)
         blocks, lost = renumbered(self.blocks, made.parts) if len(made.patches) > len(self) else (self.blocks, [])
         return MultiPatch(made.patches, made.interfaces, ids, labels, blocks), made, lost
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.combinatorics import Quantity
+from ..geometry.conformity.weighting import along
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.strips import strips
@@ -89,7 +90,7 @@ def _weld_weights(multipatch: MultiPatch) -> tuple[list[FloatArray | None] | Non
     gaps = [0.0] * len(multipatch.interfaces)
     if not multipatch.is_rational:
         return None, gaps, []
-    sides = [_side_weights(multipatch, i) for i in range(len(gaps))]
+    sides = [along(multipatch.patches, f) for f in multipatch.interfaces]
     # Of the larger one, for ratios may overflow.
     apart = [float((np.abs(a - b) / np.maximum(a, b)).max()) for a, b in sides]
     # Sides whose weights are the same up to a factor are the same curve already.
@@ -110,19 +111,6 @@ def _weld_weights(multipatch: MultiPatch) -> tuple[list[FloatArray | None] | Non
         for i in found
     ]
     return welded, [0.0] * len(gaps), notes
-
-
-def _side_weights(multipatch: MultiPatch, i: int) -> tuple[FloatArray, FloatArray]:
-    """Weights along the two sides of an interface in one sense, ones on a polynomial patch."""
-    f = multipatch.interfaces[i]
-    a, b = (
-        np.ones(len(side.of(patch.control_points))) if patch.weights is None else side.of(patch.weights)
-        for patch, side in (
-            (multipatch.patches[f.patch_a], f.side_a),
-            (multipatch.patches[f.patch_b], f.side_b),
-        )
-    )
-    return a, b[::-1] if f.reversed else b
 
 
 def _proportional(a: FloatArray, b: FloatArray) -> bool:

@@ -105,8 +105,8 @@ def coarse(
     pairs = zip(result.multipatch.loops, result.fitted.loops, strict=True)
     sides = [(means[at.patch], side) for ats, fitted in pairs for at, side in zip(ats, fitted, strict=True)]
     worst = min(mean for mean, _ in sides)
-    chosen = max((side for mean, side in sides if mean == worst), key=lambda side: _length(side.curve))
-    return [_stretch(chosen.curve, outlines)]
+    stretches = [_stretch(side.curve, outlines) for mean, side in sides if mean == worst]
+    return [max(stretches, key=lambda at: (at[2] - at[1]) % outlines[at[0]].length)]
 
 
 def misses(result: TransferResult, outlines: Sequence[Outline], fit_tolerance: float) -> list[tuple[int, float, float]]:
@@ -127,10 +127,6 @@ def _stretch(curve: BSplineCurve, outlines: Sequence[Outline]) -> tuple[int, flo
     length = outlines[loop].length
     forwards = (middle - start) % length <= (end - start) % length
     return (loop, start, end) if forwards else (loop, end, start)
-
-
-def _length(curve: BSplineCurve) -> float:
-    return float(np.linalg.norm(np.diff(curve(np.linspace(*curve.domain, 33)), axis=0), axis=1).sum())
 
 
 def _corners(layout: AbstractLayout, outlines: Sequence[Outline]) -> FloatArray:
