@@ -12,6 +12,7 @@ import numpy as np
 from .._core import inner_distances
 from .._core import turning as core_turning
 from ..geometry.outline import CORNER, Outline
+from ..geometry.slivers import drawn_corners
 from ..numeric.arrays import FloatArray, IntArray
 
 __all__ = ["WINDOWS", "BoundaryShape", "NearDistances", "cyclic_gap", "image_of"]
@@ -26,6 +27,8 @@ SAME_NODE, CROWDED = 0.1, 0.4
 WINDOWS = [1 / 48, 1 / 24, 1 / 12, 1 / 6]
 #: Squared distance (relative to the root mean square) that softens the weight 1/d² of near distances.
 SOFT = 0.02
+#: Arc lengths that differ by less than this part of the loop are one.
+SAME_PLACE = 1e-9
 #: Quantiles of the distance descriptor.
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
 
@@ -76,7 +79,7 @@ class BoundaryShape:
         extra = [np.empty(0)] * len(outlines) if extra is None else extra
         few = max(FEWEST_SAMPLES, min(HOLE_SAMPLES, ALL_HOLES // max(len(outlines) - 1, 1)))
         s = [_nodes(outline, few if k else SAMPLES, extra[k]) for k, outline in enumerate(outlines)]
-        angles = [outline.turn(x) for outline, x in zip(outlines, s, strict=True)]
+        turn = [_turn(outline, x) for outline, x in zip(outlines, s, strict=True)]
         points = np.concatenate([outline.point(x) for outline, x in zip(outlines, s, strict=True)])
         distances = inner_distances(points, [len(x) for x in s])
         blocked = np.isinf(distances)
@@ -84,7 +87,6 @@ class BoundaryShape:
             distances = np.where(blocked, np.linalg.norm(points[:, None] - points, axis=2), distances)
         n = len(s[0])
         scale = float(np.sqrt((distances[:n, :n] ** 2).mean()))
-        turn = [np.where(abs(angle) > CORNER, angle, 0.0) for angle in angles]
         return cls(tuple(outlines), tuple(s), tuple(turn), distances / scale)
 
     def rows(self, k: int) -> slice:
@@ -152,9 +154,21 @@ def image_of(anchors: FloatArray, s: FloatArray) -> FloatArray:
     return np.asarray(np.interp(s - turns * (a[-1] - a[0]), a, b) + turns * (b[-1] - b[0]))
 
 
+def _turn(outline: Outline, s: FloatArray) -> FloatArray:
+    """Turning angles (radians) at arc lengths that are corners, else 0; that of a sliver at the corner that it is."""
+    angle = outline.turn(s)
+    angle = np.where(abs(angle) > CORNER, angle, 0.0)
+    at, turn = drawn_corners(outline)
+    if len(at) == len(outline.corners[0]):
+        return angle
+    apart = abs(np.mod(s[:, None] - at + outline.length / 2, outline.length) - outline.length / 2)
+    drawn = apart.min(axis=1, initial=np.inf) < SAME_PLACE * outline.length
+    return np.where(drawn & (angle != 0), turn[apart.argmin(axis=1)] if len(at) else 0.0, 0.0)
+
+
 def _nodes(outline: Outline, n: int, extra: FloatArray) -> FloatArray:
     """About `n` arc lengths at equal distances, with the sharpest corners and the `extra` ones among them."""
-    at, turn = outline.corners
+    at, turn = drawn_corners(outline)
     at = at[np.argsort(-abs(turn), kind="stable")[:MAX_CORNERS]]
     step = outline.length / n
     # A corner at a landmark is the same node.
