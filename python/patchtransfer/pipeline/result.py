@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import TransferError
 from ..fitting.fit import FittedBoundary
@@ -14,11 +14,13 @@ from ..geometry.multipatch import MultiPatch
 from ..interior.under_rows import ActiveRows
 from ..measure.continuity import ContinuityReport
 from ..measure.quality import Quality
-from ..paper.method import PaperHistory
 from ..proof.certificate import Certificate
 from ..registration.register import Registration
 from .posed import Failure
 from .sliding import SlideReport
+
+if TYPE_CHECKING:
+    from ..paper.method import PaperHistory
 
 __all__ = ["BoundaryMissedError", "NotCertifiedError", "TransferResult", "failure_of"]
 
