@@ -124,6 +124,46 @@ class SplineOptimizer:
         """Energy of a fold-free map and its gradient (n_points, 2), boundary points included, at fixed scale."""
         return self._core.gradient(points, area_weight)
 
+    def linearise(self, points: FloatArray, area_weight: float = AREA_WEIGHT) -> bool:
+        """Factorize the Hessian over the unknowns at a fold-free map, for `respond`, `product` and `motions`.
+
+        They hold until the next `minimise` or `set_basis`. False where the exact Hessian is not positive definite, so
+        that `points` is no strict minimum: its positive semidefinite part is taken then.
+        """
+        try:
+            self._core.linearise(points, area_weight)
+        except RuntimeError:
+            self._core.linearise(points, area_weight, exact=False)
+            return False
+        return True
+
+    def respond(self, forces: FloatArray) -> FloatArray:
+        """``Z (Zᵀ H Z)⁻¹ Zᵀ q`` for forces (n_points, 2); fixed points stay. Needs `linearise`."""
+        return self._core.respond(forces)
+
+    def product(self, direction: FloatArray) -> FloatArray:
+        """The exact Hessian over all points, fixed ones included, at fixed scale times a direction (n_points, 2)."""
+        return self._core.product(direction)
+
+    def motions(self, begins: Sequence[FloatArray]) -> tuple[list[FloatArray], FloatArray, FloatArray]:
+        """How the inside follows motions of the boundary, and the energy along them. Needs `linearise`.
+
+        Parameters
+        ----------
+        begins : sequence of (n_points, 2) arrays
+            Motions of the boundary points; the others do not move.
+
+        Returns
+        -------
+        fields : list of (n_points, 2) arrays
+            The motions with the inside in equilibrium to first order (implicit function theorem).
+        slopes : (k,) array
+            Slopes of the energy along them.
+        hessian : (k, k) array
+            Second derivatives of the least energy: the Schur complement of the Hessian on the motions.
+        """
+        return self._core.motions(list(begins))
+
     def minimise(
         self,
         points: FloatArray,

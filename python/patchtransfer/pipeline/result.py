@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from ..fitting.fit import FittedBoundary
 from ..geometry.labels import plain
 from ..geometry.multipatch import MultiPatch
 from ..interior.under_rows import ActiveRows
-from ..measure.continuity import ContinuityReport
+from ..measure.continuity import ContinuityReport, check_continuity
 from ..measure.quality import Quality
 from ..proof.certificate import Certificate
 from ..registration.register import Registration
@@ -38,7 +39,7 @@ class TransferResult:
     quality : Quality
         Scaled Jacobian and condition number (paper Eq. 19-21).
     continuity : ContinuityReport
-        Gaps, C1 residual, kink angles and AS-G1 residual across interfaces.
+        Gaps, C1 residual, kink angles and AS-G1 residual across interfaces; measured when asked for.
     rows : ActiveRows or None
         The continuity rows that the result satisfies; None for ``continuity="c0"``, and where no injective map was
         found to apply them to.
@@ -74,7 +75,6 @@ class TransferResult:
     multipatch: MultiPatch
     certificate: Certificate
     quality: Quality
-    continuity: ContinuityReport
     rows: ActiveRows | None
     boundary_error: float
     missed: bool
@@ -90,6 +90,11 @@ class TransferResult:
     sliding: SlideReport | None = None
     stopped: str | None = None
     refined: bool = False
+
+    @cached_property
+    def continuity(self) -> ContinuityReport:
+        """Gaps, C1 residual, kink angles and AS-G1 residual across interfaces."""
+        return check_continuity(self.multipatch)
 
     @property
     def succeeded(self) -> bool:

@@ -358,11 +358,7 @@ impl NewtonProblem {
                 continue;
             }
             self.evaluator.hessian(&now.x, at, kind, &self.assembly, &mut self.values);
-            if let Some(reduced) = &self.reduced {
-                reduced.congruence(&self.values, &mut self.reduced_values);
-            }
-            let system = if self.reduced.is_some() { &self.reduced_values } else { &self.values };
-            match self.cholesky.factorize(system) {
+            match self.factorize_values() {
                 Err(SparseError::NotPositiveDefinite(_)) => {}
                 other => return other,
             }
@@ -373,6 +369,34 @@ impl NewtonProblem {
         let mean = diagonal.iter().map(|&k| values[k]).sum::<f64>() / diagonal.len() as f64;
         diagonal.iter().for_each(|&k| values[k] += LIFT * mean);
         self.cholesky.factorize(values)
+    }
+
+    /// Factorize the Hessian at `x` on all nodes, as it is.
+    pub fn factorize_all_nodes(
+        &mut self,
+        x: &[[f64; 2]],
+        at: Parameters,
+        kind: HessianKind,
+    ) -> Result<(), SparseError> {
+        self.evaluator.fewer_nodes = false;
+        self.memory.clear();
+        self.evaluator.hessian(x, at, kind, &self.assembly, &mut self.values);
+        self.factorize_values()
+    }
+
+    fn factorize_values(&mut self) -> Result<(), SparseError> {
+        match &self.reduced {
+            None => self.cholesky.factorize(&self.values),
+            Some(reduced) => {
+                reduced.congruence(&self.values, &mut self.reduced_values);
+                self.cholesky.factorize(&self.reduced_values)
+            }
+        }
+    }
+
+    /// Solve by the last factorization, column after column.
+    pub fn solve_columns(&self, rhs: &mut [f64]) {
+        self.cholesky.solve(rhs);
     }
 
     /// Newton direction by the last factorization and what was learnt since, and the energy's slope along it.

@@ -1,4 +1,5 @@
 use super::*;
+use crate::distortion::HessianKind;
 use crate::numeric::sparse::CooMatrix;
 use crate::spline::SplinePatch;
 
@@ -226,4 +227,94 @@ fn determinants_are_those_of_the_map_asked_for() {
     let first = optimizer.determinants(&x);
     assert!(first.0 > 0.0 && optimizer.determinants(&folded).0 < 0.0);
     assert_eq!((optimizer.determinants(&x), optimizer.determinants(&x)), (first, first));
+}
+
+/// A minimum, its optimizer, and a wave of its fixed points.
+fn at_minimum(z: Option<CscMatrix<f64>>) -> (SplineOptimizer, Field, Field) {
+    let (model, free, x) = bent_pair(3);
+    let mut wave: Field = (0..x.len()).map(|k| [(0.7 * k as f64).sin(), (1.3 * k as f64).cos()]).collect();
+    free.iter().for_each(|&p| wave[p] = [0.0; 2]);
+    let mut optimizer = SplineOptimizer::new(model, free, z).unwrap();
+    let settings = Settings { tolerance: 1e-14, ..SETTINGS };
+    let found = optimizer.minimise(&x, settings, |_| ControlFlow::Continue(())).unwrap();
+    assert_eq!(found.stop, Stop::Converged);
+    (optimizer, found.points, wave)
+}
+
+fn plus(x: &[[f64; 2]], step: f64, d: &[[f64; 2]]) -> Field {
+    x.iter().zip(d).map(|(x, d)| [x[0] + step * d[0], x[1] + step * d[1]]).collect()
+}
+
+fn dot(a: &[[f64; 2]], b: &[[f64; 2]]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a[0] * b[0] + a[1] * b[1]).sum()
+}
+
+#[test]
+fn the_product_is_the_derivative_of_the_gradient() {
+    let (mut optimizer, x, wave) = at_minimum(None);
+    optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact).unwrap();
+    let product = optimizer.product(&wave);
+    // At fixed scale: the gradient's own is that of the map it is asked for.
+    let (step, place) = (1e-5, optimizer.linearised.as_ref().unwrap().at());
+    let mut gradient = |t: f64| optimizer.problem.evaluator.gradient_everywhere(&plus(&x, t, &wave), place).1;
+    let (up, down) = (gradient(step), gradient(-step));
+    let largest = product.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
+    for (p, g) in product.iter().enumerate() {
+        for c in 0..2 {
+            let difference = (up[p][c] - down[p][c]) / (2.0 * step);
+            assert!((difference - g[c]).abs() < 1e-6 * largest, "{p} {c}");
+        }
+    }
+}
+
+#[test]
+fn forces_are_answered_symmetrically_and_undone_by_the_hessian() {
+    let n = bent_pair(3).1.len();
+    let mut z = CooMatrix::new(n, n - 1);
+    // The last two free points move together.
+    (0..n).for_each(|i| z.push(i, i.min(n - 2), 1.0));
+    for z in [None, Some(CscMatrix::from(&z))] {
+        let (mut optimizer, x, wave) = at_minimum(z);
+        optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact).unwrap();
+        let other = plus(&wave, 1.0, &x);
+        let answers = optimizer.respond(&[x.clone(), other.clone()]);
+        assert!((dot(&answers[0], &other) - dot(&x, &answers[1])).abs() < 1e-10 * dot(&answers[0], &x));
+        // respond(H v) = v for motions of the unknowns.
+        let back = optimizer.product(&answers[0]);
+        for (a, b) in optimizer.respond(&[back])[0].iter().zip(&answers[0]) {
+            assert!((a[0] - b[0]).abs() + (a[1] - b[1]).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn motions_tell_the_energy_of_the_minima_they_lead_to() {
+    let (mut optimizer, x, wave) = at_minimum(None);
+    optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact).unwrap();
+    let place = optimizer.linearised.as_ref().unwrap().at();
+    let Motions { fields, slopes, hessian } = optimizer.motions(vec![wave]);
+    // The minimum at fixed scale, for the boundary moved by a step: by Newton's method, the factorization kept.
+    let mut least = |step: f64| {
+        let mut moved = plus(&x, step, &fields[0]);
+        for _ in 0..20 {
+            let (_, gradient) = optimizer.problem.evaluator.gradient_everywhere(&moved, place);
+            let correction = optimizer.respond(&[gradient]);
+            moved = plus(&moved, -1.0, &correction[0]);
+        }
+        optimizer.problem.evaluator.energy(&moved, place).energy
+    };
+    let step = 2e-4;
+    let (up, here, down) = (least(step), least(0.0), least(-step));
+    assert!(((up - down) / (2.0 * step) - slopes[0]).abs() < 1e-5 * slopes[0].abs());
+    let second = (up - 2.0 * here + down) / (step * step);
+    assert!((second - hessian[0]).abs() < 1e-4 * hessian[0].abs(), "{second} {}", hessian[0]);
+}
+
+#[test]
+fn another_minimisation_ends_what_was_linearised() {
+    let (mut optimizer, x, _) = at_minimum(None);
+    optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact).unwrap();
+    assert!(optimizer.is_linearised());
+    optimizer.minimise(&x, SETTINGS, |_| ControlFlow::Continue(())).unwrap();
+    assert!(!optimizer.is_linearised());
 }
