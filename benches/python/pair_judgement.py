@@ -84,7 +84,8 @@ class Direction:
             yield self.status
         if self.status == "no answer" or self.seconds > LATE:
             yield "late"
-        if self.family == "mirrored":
+        unsuited = self.loss is not None and self.loss > UNSUITED
+        if self.family == "mirrored" and (unsuited or not self.clean):
             yield "mirrored"
         if self.lost:
             yield "corner without joint"
@@ -92,7 +93,7 @@ class Direction:
             yield "corner on a smooth place"
         if self.boundary_error is not None and self.boundary_error > CLEAN and not self.lost:
             yield "boundary missed although no corner is lost"
-        if self.loss is not None and self.loss > UNSUITED:
+        if unsuited:
             yield "layout unsuited"
         if self.status == "degenerate" and not self.smoothed:
             yield "degenerate although no corner is on a smooth place"

@@ -1,4 +1,4 @@
-"""Tables of all directions by family, and what is not clean by cause."""
+"""Tables of all directions by family, and what is not as it should be by cause."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Red circles: corners of the target without a joint. Brown squares: corners of th
 """
 
 CAUSES = """
-## What is not clean, by cause
+## What is not as it should be, by cause
 
 A direction may have several.
 

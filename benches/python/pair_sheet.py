@@ -32,8 +32,9 @@ def draw(drawn: Sequence[Drawn], path: Path, rows: int = ROWS, dpi: int = 100) -
     written = []
     for k, page in enumerate(pages):
         lines = -(-len(page) // COLUMNS)
-        figure = Figure(figsize=(4 * COLUMNS, 2.5 * lines), layout="constrained")
+        figure = Figure(figsize=(4 * COLUMNS, 2.5 * lines))
         axes = figure.subplots(lines, 2 * COLUMNS, squeeze=False).reshape(-1, 2)
+        figure.subplots_adjust(0.005, 0.01, 0.995, 1 - 0.5 / (2.5 * lines), 0.08, 0.35)
         for (left, right), one in zip(axes, page, strict=False):
             _draw_direction(left, right, one)
         for ax in axes[len(page) :].ravel():

@@ -134,7 +134,7 @@ def main() -> None:
     parser.add_argument("-n", type=int, help="pairs of each family at most")
     parser.add_argument("--quick", action="store_true", help="the first pair of each family only")
     parser.add_argument("--options", type=option, default={}, metavar="KEY=VALUE,...", help="handed to transfer")
-    parser.add_argument("--limit", type=float, default=30.0, help="processor seconds of a direction (default: 30)")
+    parser.add_argument("--limit", type=float, default=25.0, help="processor seconds of a direction (default: 25)")
     parser.add_argument("--workers", type=int, default=1, help="directions at once (1; more disturb each other)")
     parser.add_argument("--json", type=Path, metavar="OUT", help="all directions")
     parser.add_argument("--sheet", type=Path, metavar="OUT.png", help="contact sheet, in pages where it is large")
