@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import TransferError
 from ..fitting.fit import FittedBoundary
@@ -15,11 +15,13 @@ from ..geometry.multipatch import MultiPatch
 from ..interior.under_rows import ActiveRows
 from ..measure.continuity import ContinuityReport, check_continuity
 from ..measure.quality import Quality
-from ..paper.method import PaperHistory
 from ..proof.certificate import Certificate
 from ..registration.register import Registration
 from .posed import Failure
 from .sliding import SlideReport
+
+if TYPE_CHECKING:
+    from ..paper.method import PaperHistory
 
 __all__ = ["BoundaryMissedError", "NotCertifiedError", "TransferResult", "failure_of"]
 
@@ -122,6 +124,7 @@ class TransferResult:
                 "joints": [{"source": a.tolist(), "target": b.tolist()} for a, b in self.registration.joints],
                 "confidence": self.registration.confidence,
                 "landmarks": self.registration.landmarks.tolist(),
+                "missed_corners": [corner.to_dict() for corner in self.registration.missed_corners],
                 "runner_up": self.registration.runner_up and self.registration.runner_up.to_dict(),
             },
             "labels": plain(self.multipatch.sides),
