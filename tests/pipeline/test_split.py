@@ -89,7 +89,7 @@ def test_every_corner_gets_a_joint(target, patches):
     result = pt.transfer(source, target, continuity="c0", split="auto")
     assert result.succeeded
     assert off_joints(result) == []
-    assert result.corners_without_joint == ()
+    assert result.registration.missed_corners == ()
     assert result.boundary_error <= 1e-3
     if result.split is None:
         assert len(result.multipatch) == patches
@@ -217,7 +217,7 @@ def test_never_worse_than_without(depth, refine):
         np.array_equal(a.control_points, b.control_points)
         for a, b in zip(result.multipatch, whole.multipatch, strict=True)
     )
-    assert len(result.corners_without_joint) == 4
+    assert len(result.registration.missed_corners) == 4
     (said,) = (warning for warning in result.warnings if "splitting the source" in warning)
     assert "4 corners (1.9, 0)" in said
     # What was tried is not recommended.
@@ -282,7 +282,7 @@ def test_without_it_the_message_recommends_it():
     assert result.succeeded
     (advice,) = (warning for warning in result.warnings if "--split auto" in warning)
     assert "(2, 0.28)" in advice
-    assert (2.0, 0.28) in [tuple(np.round(c, 9)) for c in result.corners_without_joint]
+    assert (2.0, 0.28) in [(round(c.x, 9), round(c.y, 9)) for c in result.registration.missed_corners]
     with pytest.raises(
         NotCertifiedError, match=r"\(4, 1\.3\).*--split auto \(split='auto'\)|--split auto.*"
     ) as failure:

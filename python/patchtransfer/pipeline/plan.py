@@ -200,7 +200,6 @@ class TransferPlan:
         movable = [] if chosen.fixed_correspondence else movable_joints(registered.registration, landmarks)
         fitted = self._boundary.fit(registered.registration, run)
         plan, notes = self, list(self._notes)
-        lacking = lacking_joints(registered.registration, chosen.fit_tolerance)
         if chosen.refines:
             run = run.part(HALF)
         if fitted.error > chosen.refined_beyond:
@@ -221,7 +220,6 @@ class TransferPlan:
             result.with_warnings(notes),
             refined=points[0] != points[1],
             split=None if self.split is None else replace(self.split, corners=registered.handed),
-            corners_without_joint=tuple(corner.point for corner in lacking),
         )
 
     def _searched_split(self, registered: Registered, landmarks: ArrayLike | None, run: Run) -> TransferResult:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import TransferError
 from ..fitting.fit import FittedBoundary
@@ -15,12 +15,14 @@ from ..geometry.multipatch import MultiPatch
 from ..interior.under_rows import ActiveRows
 from ..measure.continuity import ContinuityReport, check_continuity
 from ..measure.quality import Quality
-from ..paper.method import PaperHistory
 from ..proof.certificate import Certificate
 from ..registration.register import Registration
 from .posed import Failure
 from .sliding import SlideReport
 from .splitting import SourceSplit
+
+if TYPE_CHECKING:
+    from ..paper.method import PaperHistory
 
 __all__ = [
     "BoundaryMissedError",
@@ -84,8 +86,6 @@ class TransferResult:
         source's; None where the patches are the source's own.
     split_in_vain : bool
         Whether splitting the source was tried, and the source as it is did better.
-    corners_without_joint : tuple of (x, y)
-        Corners of the target that no joint takes: they are rounded off.
     """
 
     multipatch: MultiPatch
@@ -108,7 +108,6 @@ class TransferResult:
     refined: bool = False
     split: SourceSplit | None = None
     split_in_vain: bool = False
-    corners_without_joint: tuple[tuple[float, float], ...] = ()
 
     @cached_property
     def continuity(self) -> ContinuityReport:
@@ -140,11 +139,11 @@ class TransferResult:
             "boundary_missed": self.missed,
             "refined": self.refined,
             "split": None if self.split is None else self.split.to_dict(),
-            "corners_without_joint": [list(corner) for corner in self.corners_without_joint],
             "registration": {
                 "joints": [{"source": a.tolist(), "target": b.tolist()} for a, b in self.registration.joints],
                 "confidence": self.registration.confidence,
                 "landmarks": self.registration.landmarks.tolist(),
+                "missed_corners": [corner.to_dict() for corner in self.registration.missed_corners],
                 "runner_up": self.registration.runner_up and self.registration.runner_up.to_dict(),
             },
             "labels": plain(self.multipatch.sides),
@@ -221,12 +220,12 @@ def failure_of(result: TransferResult) -> NotCertifiedError | None:
 
 def split_advice(result: TransferResult) -> str | None:
     """To split the source, where the target has corners without joints and it was not tried."""
-    corners = result.corners_without_joint
+    corners = [(corner.x, corner.y) for corner in result.registration.missed_corners]
     if not corners or result.split_in_vain:
         return None
     return (
-        f"no joint of the source is at {corners_in_words(corners)} of the target: --split auto (split='auto') splits "
-        "the source's strips of patches there"
+        f"--split auto (split='auto') splits the source's patches, so that {corners_in_words(corners)} of the target "
+        "get joints"
     )
 
 

@@ -20,9 +20,9 @@ from ..geometry.outline import Outline
 from ..geometry.splitting import Cuts, Origin, SplitModel
 from ..geometry.topology import BoundarySide, Topology
 from ..numeric.arrays import FloatArray
-from ..registration.corners import missed_corners
 from ..registration.free_joints import joints_to_corners, warped
 from ..registration.lacking_joints import LackingJoint, lacking_joints
+from ..registration.missed_corners import missed_corners, missed_warnings
 from ..registration.register import LoopRegistration, Registration
 
 __all__ = ["Division", "SourceSplit", "onto_split", "strip_cuts", "with_near_joints_moved"]
@@ -116,11 +116,15 @@ def with_near_joints_moved(registration: Registration, single: Sequence[Sequence
 
 
 def _with_loops(registration: Registration, loops: Sequence[LoopRegistration]) -> Registration:
-    """The registration with other loops, and warnings on the corners that lack joints now."""
-    stale = {line for k, loop in enumerate(registration.loops) for line in missed_corners(loop.target, loop.joints, k)}
-    warnings = [line for line in registration.warnings if line not in stale]
-    warnings += [line for k, loop in enumerate(loops) for line in missed_corners(loop.target, loop.joints, k)]
-    return replace(registration, loops=tuple(loops), warnings=tuple(warnings))
+    """The registration with other loops, and what it says of the corners that they miss."""
+    old = registration.missed_corners
+    stale = {line for k in range(len(loops)) for line in missed_warnings([c for c in old if c.loop == k])}
+    warnings, missed, unit = [line for line in registration.warnings if line not in stale], [], loops[0].target.diameter
+    for k, loop in enumerate(loops):
+        of_loop = missed_corners(loop.source, loop.target, loop.anchors, k, unit)
+        warnings += missed_warnings(of_loop)
+        missed += of_loop
+    return replace(registration, loops=tuple(loops), warnings=tuple(warnings), missed_corners=tuple(missed))
 
 
 def strip_cuts(lacking: Sequence[Sequence[LackingJoint]], topology: Topology) -> Cuts:

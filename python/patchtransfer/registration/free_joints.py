@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.outline import Outline
+from ..geometry.slivers import drawn_corners
 from ..numeric.arrays import FloatArray, IntArray
 from .corners import CORNER_SNAP, close_turn
 from .sampled_boundary import cyclic_gap, image_of
@@ -44,7 +45,7 @@ def joints_to_corners(
     crowded : float, default 0
         What part of a side's image a joint may move by to a corner that is not the only one there.
     """
-    at, turn = target.corners
+    at, turn = drawn_corners(target)
     joints = source.joints[:-1]
     if len(at) == 0 or len(joints) < 2:
         return anchors

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.outline import Outline
+from ..geometry.slivers import drawn_corners
 from .corners import CORNER_SNAP
 from .register import LoopRegistration, Registration
 from .sampled_boundary import cyclic_gap, image_of
@@ -54,7 +55,7 @@ def lacking_joints(registration: Registration, tolerance: float) -> list[Lacking
     found: list[LackingJoint] = []
     diameter = registration.loops[0].target.diameter
     for k, loop in enumerate(registration.loops):
-        at, turn = loop.target.corners
+        at, turn = drawn_corners(loop.target)
         within = min(CORNER_SNAP * loop.target.length, tolerance * diameter)
         taken = np.mod(loop.joints[:-1], loop.target.length)
         corners = []

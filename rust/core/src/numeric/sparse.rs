@@ -12,7 +12,7 @@ use faer::sparse::linalg::cholesky::{
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::{Conj, MatMut, Par, Side};
-pub use nalgebra_sparse::{CooMatrix, CscMatrix};
+pub use nalgebra_sparse::{CooMatrix, CscMatrix, CsrMatrix};
 use thiserror::Error;
 
 /// Number of what is fixed among unknowns, and place of an entry with it among the values of a pattern: none.
@@ -140,6 +140,11 @@ pub fn upper_triangle(matrix: &CscMatrix<f64>) -> CscMatrix<f64> {
 /// `Zᵀ A Z` for a symmetric `A` given in full; `Z` maps the reduced unknowns to the full ones.
 pub fn congruence(a: &CscMatrix<f64>, z: &CscMatrix<f64>) -> CscMatrix<f64> {
     &z.transpose() * &(a * z)
+}
+
+/// `Zᵀ Z`.
+pub fn gram(z: &CscMatrix<f64>) -> CscMatrix<f64> {
+    &z.transpose() * z
 }
 
 /// `y = A x` for dense `x` with `columns` interleaved components a row.
