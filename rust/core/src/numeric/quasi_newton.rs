@@ -113,7 +113,11 @@ mod tests {
         memory.learn(&[1.0, 2.0, 0.0], 0.5, &[0.0; 3], &[1.0, 3.0, -1.0]);
         memory.learn(&[0.0, 1.0, 1.0], 1.0, &[1.0, 3.0, -1.0], &[1.5, 4.0, 0.5]);
         let mut x = vec![0.5, 1.0, 1.5];
-        memory.apply(&mut x, |x| x.iter_mut().for_each(|v| *v *= 0.3));
+        let solve = |x: &mut [f64]| {
+            x.iter_mut().for_each(|v| *v *= 0.3);
+            Ok::<(), ()>(())
+        };
+        memory.apply(&mut x, solve).unwrap();
         for (x, s) in x.iter().zip([0.0, 1.0, 1.0]) {
             assert!((x - s).abs() < 1e-14);
         }

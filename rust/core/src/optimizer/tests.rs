@@ -289,7 +289,8 @@ fn conjugate_gradients_lead_to_the_same_map_on_any_number_of_threads() {
         let mut optimizer = iterative(SplineOptimizer::new(model.clone(), free.clone(), None).unwrap());
         let harmonic = optimizer.harmonic(&x).unwrap();
         let solve = || optimizer.minimise(&harmonic, SETTINGS, |_| ControlFlow::Continue(()));
-        (harmonic, on_threads(threads, solve).unwrap())
+        let found = on_threads(threads, solve).unwrap();
+        (harmonic, found)
     };
     let (harmonic, found) = run(1);
     assert!(found.stop == Stop::Converged && found.min_det > 0.0);
