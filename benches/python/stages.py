@@ -28,7 +28,7 @@ import patchtransfer as pt
 from patchtransfer import _core
 from patchtransfer.interior.optimizer import SplineOptimizer
 
-STAGES = ("registration", "feasibility", "fitting", "optimisation", "certificate", "quality", "continuity report")
+STAGES = ("registration", "feasibility", "fitting", "optimisation", "certificate", "quality")
 #: Largest number of unknown points at which SuperLU is still run.
 LARGEST = 30_000
 

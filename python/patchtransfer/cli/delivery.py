@@ -99,6 +99,10 @@ def summary(content: dict[str, Any], output: str | None) -> None:
         table.add_row("patches", str(content["patches"]))
     if "boundary_error" in content:
         table.add_row("boundary error", f"{content['boundary_error']:.2e} of the diameter")
+        missed = content.get("registration", {}).get("missed_corners")
+        if missed:
+            worst = max(corner["cost"] for corner in missed)
+            table.add_row("  corners inside sides", f"{len(missed)}, rounded off by about {worst:.1e} at most")
         times = content["timings"]
         table.add_row("time", f"{1e3 * sum(times.values()):.1f} ms")
         for stage, seconds in times.items():

@@ -16,7 +16,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
 
 from .._core import SplineOptimizer as CoreSplineOptimizer
 from ..errors import InputError
@@ -24,6 +23,7 @@ from ..geometry.patch import Patch
 from ..geometry.sides import around_corner
 from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray
+from ..numeric.compressed import Compressed
 from ..progress import Budget, Progress, reporter
 from ..proof.certificate import Cell, Certificate
 
@@ -67,9 +67,9 @@ class SplineOptimizer:
         Additional nodes.
     excluded_corners : sequence of (patch, corner)
         Patch corners left out of the energy because the map is degenerate there.
-    null_space : (n_interior, m) sparse array, optional
-        Columns span the displacements of the interior points (``topology.interior_points``) that keep the
-        continuity rows; default all displacements.
+    null_space : Compressed, optional
+        (n_interior, m) by columns, which span the displacements of the interior points
+        (``topology.interior_points``) that keep the continuity rows; default all displacements.
 
     Attributes
     ----------
@@ -85,14 +85,15 @@ class SplineOptimizer:
         nodes_per_degree: int = 2,
         extra_nodes: Sequence[tuple[int, float, float]] = (),
         excluded_corners: Sequence[tuple[int, int]] = (),
-        null_space: csc_array | None = None,
+        null_space: Compressed | None = None,
     ) -> None:
         patches = topology.patches if reference is None else reference
         self.step_cost = step_cost(patches, nodes_per_degree, extra_nodes)
         triplets = None
         if null_space is not None:
-            z = null_space.tocoo()
-            triplets = (z.row.astype(np.int64), z.col.astype(np.int64), z.data.astype(float), z.shape[1])
+            m = null_space.shape[1]
+            columns = np.repeat(np.arange(m), np.diff(null_space.indptr))
+            triplets = (np.asarray(null_space.indices, np.int64), columns, null_space.data, m)
         try:
             self._core = CoreSplineOptimizer(
                 [(*patch.knots, *patch.degrees, patch.control_points, None) for patch in patches],
@@ -107,7 +108,7 @@ class SplineOptimizer:
         except RuntimeError as error:
             raise InputError(f"the source cannot be optimised on: {error}") from None
 
-    def set_basis(self, null_space: csc_array) -> None:
+    def set_basis(self, null_space: Compressed) -> None:
         """Another null-space basis with entries at the same places; symbolic work is kept."""
         self._core.set_basis(null_space.data)
 
@@ -122,6 +123,46 @@ class SplineOptimizer:
     def gradient(self, points: FloatArray, area_weight: float = AREA_WEIGHT) -> tuple[float, FloatArray]:
         """Energy of a fold-free map and its gradient (n_points, 2), boundary points included, at fixed scale."""
         return self._core.gradient(points, area_weight)
+
+    def linearise(self, points: FloatArray, area_weight: float = AREA_WEIGHT) -> bool:
+        """Factorize the Hessian over the unknowns at a fold-free map, for `respond`, `product` and `motions`.
+
+        They hold until the next `minimise` or `set_basis`. False where the exact Hessian is not positive definite, so
+        that `points` is no strict minimum: its positive semidefinite part is taken then.
+        """
+        try:
+            self._core.linearise(points, area_weight)
+        except RuntimeError:
+            self._core.linearise(points, area_weight, exact=False)
+            return False
+        return True
+
+    def respond(self, forces: FloatArray) -> FloatArray:
+        """``Z (Zᵀ H Z)⁻¹ Zᵀ q`` for forces (n_points, 2); fixed points stay. Needs `linearise`."""
+        return self._core.respond(forces)
+
+    def product(self, direction: FloatArray) -> FloatArray:
+        """The exact Hessian over all points, fixed ones included, at fixed scale times a direction (n_points, 2)."""
+        return self._core.product(direction)
+
+    def motions(self, begins: Sequence[FloatArray]) -> tuple[list[FloatArray], FloatArray, FloatArray]:
+        """How the inside follows motions of the boundary, and the energy along them. Needs `linearise`.
+
+        Parameters
+        ----------
+        begins : sequence of (n_points, 2) arrays
+            Motions of the boundary points; the others do not move.
+
+        Returns
+        -------
+        fields : list of (n_points, 2) arrays
+            The motions with the inside in equilibrium to first order (implicit function theorem).
+        slopes : (k,) array
+            Slopes of the energy along them.
+        hessian : (k, k) array
+            Second derivatives of the least energy: the Schur complement of the Hessian on the motions.
+        """
+        return self._core.motions(list(begins))
 
     def minimise(
         self,

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from ..fitting.fit import FittedBoundary
 from ..geometry.multipatch import MultiPatch
 from ..interior.solver import InteriorMap, InteriorSolver
-from ..measure.continuity import check_continuity
 from ..measure.quality import quality
 from ..proof.certificate import check_boundary
 from ..registration.register import Registration
@@ -97,13 +96,10 @@ def measure(
         multipatch = interior.model(found.points)
         metrics = quality(multipatch, exclude=posed.degenerate)
     warnings += _functions_of_the_source(interior.source, multipatch)
-    with run.clock("continuity report"):
-        continuity = check_continuity(multipatch)
     return TransferResult(
         multipatch=multipatch,
         certificate=found.certificate,
         quality=metrics,
-        continuity=continuity,
         rows=found.rows,
         boundary_error=posed.fitted.error,
         missed=posed.fitted.error > MISSED * run.options.fit_tolerance,

@@ -38,7 +38,7 @@ __all__ = ["Refilled", "TransferPlan", "transfer"]
 
 #: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
 REFINEMENTS = 6
-#: Part of the work for a source as it is, and for the refined one, where both are tried.
+#: Part of the work for a source as it is, and for the refined one, where both may be tried.
 HALF = 0.5
 
 
@@ -159,10 +159,11 @@ class TransferPlan:
         movable = [] if chosen.fixed_correspondence else movable_joints(registered.registration, landmarks)
         fitted = self._boundary.fit(registered.registration, run)
         plan, notes = self, list(self._notes)
+        if chosen.refines:
+            run = run.part(HALF)
         if fitted.error > chosen.refined_beyond:
             plan, registered, fitted, refined = self._refined_to_tolerance(registered, fitted, run)
             notes += refined
-            run = run.part(HALF)
         result = plan._attempt(registered, fitted, movable, run)
         if chosen.refines and not result.certificate.injective and not run.budget.expired():
             plan, registered = plan._refined(span_middles(plan.source.patches), registered)

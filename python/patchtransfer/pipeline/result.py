@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import TransferError
 from ..fitting.fit import FittedBoundary
 from ..geometry.labels import plain
 from ..geometry.multipatch import MultiPatch
 from ..interior.under_rows import ActiveRows
-from ..measure.continuity import ContinuityReport
+from ..measure.continuity import ContinuityReport, check_continuity
 from ..measure.quality import Quality
-from ..paper.method import PaperHistory
 from ..proof.certificate import Certificate
 from ..registration.register import Registration
 from .posed import Failure
 from .sliding import SlideReport
+
+if TYPE_CHECKING:
+    from ..paper.method import PaperHistory
 
 __all__ = ["BoundaryMissedError", "NotCertifiedError", "TransferResult", "failure_of"]
 
@@ -36,7 +39,7 @@ class TransferResult:
     quality : Quality
         Scaled Jacobian and condition number (paper Eq. 19-21).
     continuity : ContinuityReport
-        Gaps, C1 residual, kink angles and AS-G1 residual across interfaces.
+        Gaps, C1 residual, kink angles and AS-G1 residual across interfaces; measured when asked for.
     rows : ActiveRows or None
         The continuity rows that the result satisfies; None for ``continuity="c0"``, and where no injective map was
         found to apply them to.
@@ -72,7 +75,6 @@ class TransferResult:
     multipatch: MultiPatch
     certificate: Certificate
     quality: Quality
-    continuity: ContinuityReport
     rows: ActiveRows | None
     boundary_error: float
     missed: bool
@@ -88,6 +90,11 @@ class TransferResult:
     sliding: SlideReport | None = None
     stopped: str | None = None
     refined: bool = False
+
+    @cached_property
+    def continuity(self) -> ContinuityReport:
+        """Gaps, C1 residual, kink angles and AS-G1 residual across interfaces."""
+        return check_continuity(self.multipatch)
 
     @property
     def succeeded(self) -> bool:
@@ -117,6 +124,7 @@ class TransferResult:
                 "joints": [{"source": a.tolist(), "target": b.tolist()} for a, b in self.registration.joints],
                 "confidence": self.registration.confidence,
                 "landmarks": self.registration.landmarks.tolist(),
+                "missed_corners": [corner.to_dict() for corner in self.registration.missed_corners],
                 "runner_up": self.registration.runner_up and self.registration.runner_up.to_dict(),
             },
             "labels": plain(self.multipatch.sides),

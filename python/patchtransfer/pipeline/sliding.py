@@ -4,7 +4,8 @@ Beyond the paper. Between corners the boundary's shape says little about which p
 distortion does. Joints that are neither corners nor landmarks move along the target boundary to where the energy of
 the spline optimiser is least; every move is followed by a new fit and a new interior, and is kept only if the energy
 came down. The step is Newton's in the joints alone: a joint's motion moves the boundary points next to it along the
-target, and the interior with them harmonically.
+target, and the interior follows so that it stays in equilibrium, which leaves the Schur complement of the energy's
+Hessian.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ SAME_POINT = 1e-4
 ROUNDS = 10
 #: Dampings tried in a round, relative to the mean stiffness of the modes, until the energy comes down.
 DAMPINGS = (0.0, 0.3, 1.0, 3.0, 10.0)
-#: Moving ends when a round lowers the energy above its least possible value by less than this part.
+#: Moving ends when a round lowers the energy above its least possible value by less than this part, or promises to.
 IMPROVEMENT = 0.02
 #: Energy above the least possible that is as good as none: an isometry up to the fit.
 NOTHING_TO_GAIN = 1e-6
@@ -47,8 +48,6 @@ SHARE = 0.1
 MAX_STEPS = 30
 #: More modes than this are coupled in groups of neighbouring joints.
 MODES = 96
-#: Displacement, relative to the boundary's length, for differences of the gradient.
-DIFFERENCE = 1e-6
 #: Moves may raise a fit error above the tolerance by this factor in all.
 FIT_GROWTH = 1.2
 
@@ -169,30 +168,37 @@ def slide_joints(
     current = Slid(registration, fitted, found, (found.energy,))
     least = 2 + 2 * AREA_WEIGHT
     allowed = max(tolerance, FIT_GROWTH * fitted.error)
+    first = 0
     for _ in range(ROUNDS if any(mask.any() for mask in movable) else 0):
         if current.map.energy - least < NOTHING_TO_GAIN:
             break
         if not budget.steps(optimizer.step_cost, 1):
             break
-        step = _model(current, movable, topology, optimizer)
-        for damping in DAMPINGS:
+        step, promised = _model(current, movable, topology, optimizer)
+        if promised < IMPROVEMENT * (current.map.energy - least):
+            break
+        for k in range(first, len(DAMPINGS)):
             max_steps = budget.steps(optimizer.step_cost, MAX_STEPS)
             if not max_steps:
                 return current
-            moved = _shifted(current.registration, step(damping))
+            shifts, motion = step(DAMPINGS[k])
+            moved = _shifted(current.registration, shifts)
             trial = refit(moved)
             if trial is None or trial.error > allowed:
                 continue
             points = with_boundary(trial)
-            # The interior follows harmonically: from there few Newton steps are left.
-            shift = np.zeros_like(points)
+            # What the fit adds to the motion, the interior follows harmonically: few Newton steps are left then.
             boundary = topology.boundary_points
-            shift[boundary] = points[boundary] - current.map.points[boundary]
-            near = current.map.points + optimizer.harmonic(shift)
+            near = current.map.points + motion
+            rest = np.zeros_like(points)
+            rest[boundary] = points[boundary] - near[boundary]
+            near += optimizer.harmonic(rest)
             near[boundary] = points[boundary]
             better = optimizer.minimise(near, max_steps=max_steps, seconds=budget.seconds_left())
             budget.spend(len(better.history) * optimizer.step_cost)
             if better.min_determinant > 0 and better.energy < current.map.energy:
+                # Where damping was needed it will be again.
+                first = max(k - 1, 0)
                 break
         else:
             break
@@ -205,8 +211,12 @@ def slide_joints(
 
 def _model(
     current: Slid, movable: Sequence[NDArray[np.bool_]], topology: Topology, optimizer: SplineOptimizer
-) -> Callable[[float], list[FloatArray]]:
-    """Quadratic model of the energy in the joints: damping to the shift of every joint along the target."""
+) -> tuple[Callable[[float], tuple[list[FloatArray], FloatArray]], float]:
+    """Quadratic model of the energy in the joints.
+
+    Gives, for a damping, the shift of every joint along the target and the motion of all points to first order; and by
+    how much the energy falls at most, as far as the model can tell.
+    """
     points = current.map.points
     loops = [
         _motion(loop, fits, sides, topology, points)
@@ -214,24 +224,23 @@ def _model(
     ]
     modes = _modes(movable)
     _, gradient = optimizer.gradient(points)
-    step = DIFFERENCE * sum(loop.target.length for loop in current.registration.loops)
-    fields, moved = [], []
-    for k, weights in modes:
-        field = np.zeros_like(points)
-        index, hats, tangent, _ = loops[k]
-        moved.append(product(hats, weights))
-        field[index] = moved[-1][:, None] * tangent
-        fields.append(optimizer.harmonic(field))
-    slope = np.array([(gradient * field).sum() for field in fields])
-    change = [(optimizer.gradient(points + step * field)[1] - gradient) / step for field in fields]
-    hessian = np.array([[(c * field).sum() for field in fields] for c in change])
-    hessian = (hessian + hessian.T) / 2
-    # Along a curved boundary a point also moves towards the centre of curvature, to second order.
-    for i, (k, _) in enumerate(modes):
-        for j, (other, _) in enumerate(modes):
-            if k == other:
-                index, _, _, curvature = loops[k]
-                hessian[i, j] += (moved[i] * moved[j] * (gradient[index] * curvature).sum(axis=1)).sum()
+    begins: list[FloatArray] = []
+    bent = np.zeros((len(modes), len(modes)))
+    for k, (index, hats, tangent, curvature) in enumerate(loops):
+        weights = [w for loop, w in modes if loop == k]
+        if not weights:
+            continue
+        along = product(hats, np.column_stack(weights))
+        # Along a curved boundary a point also moves towards the centre of curvature, to second order.
+        block = slice(len(begins), len(begins) + len(weights))
+        bent[block, block] = product(along.T * (gradient[index] * curvature).sum(axis=1), along)
+        for distance in along.T:
+            begin = np.zeros_like(points)
+            begin[index] = distance[:, None] * tangent
+            begins.append(begin)
+    optimizer.linearise(points)
+    fields, slope, hessian = optimizer.motions(begins)
+    hessian += bent
     values, vectors = eigen(hessian)
     values = abs(values) + 1e-9 * abs(values).max(initial=1e-300)
     longest = [
@@ -239,16 +248,17 @@ def _model(
         for gap in (np.diff(loop.joints) for loop in current.registration.loops)
     ]
 
-    def shifts(damping: float) -> list[FloatArray]:
+    def step(damping: float) -> tuple[list[FloatArray], FloatArray]:
         coefficients = -product(vectors, product(vectors.T, slope) / (values + damping * values.mean()))
         shift = [np.zeros(len(mask)) for mask in movable]
         for (k, weights), c in zip(modes, coefficients, strict=True):
             shift[k] += c * weights
         # Scaled as a whole: the direction goes downhill.
-        excess = max(float((abs(s) / most).max()) for s, most in zip(shift, longest, strict=True))
-        return [s / max(excess, 1.0) for s in shift]
+        excess = max(1.0, *(float((abs(s) / most).max()) for s, most in zip(shift, longest, strict=True)))
+        motion = sum((c / excess * field for c, field in zip(coefficients, fields, strict=True)), np.zeros_like(points))
+        return [s / excess for s in shift], motion
 
-    return shifts
+    return step, float((product(vectors.T, slope) ** 2 / values).sum() / 2)
 
 
 def _modes(movable: Sequence[NDArray[np.bool_]]) -> list[tuple[int, FloatArray]]:

@@ -60,6 +60,7 @@ class SourceBoundary:
         #: Loop by loop, how many patches meet at each joint, and whether one alone fills it.
         self._valence = [[valence[int(points[0])] for points in loop] for loop in of_sides]
         self.single = [[patches == 1 for patches in loop] for loop in self._valence]
+        self._points_of = of_sides
         self._side_points = np.concatenate([points for loop in of_sides for points in loop])
 
     @cached_property
@@ -174,10 +175,13 @@ class SourceBoundary:
 
     def curves(self, points: FloatArray) -> list[list[BSplineCurve]]:
         """The boundary loops of shared control points."""
-        topology = self._topology
-        pairs = zip(topology.patches, topology.points, strict=True)
-        patches = [patch.with_control_points(points[p]) for patch, p in pairs]
-        return [[side.curve(patches) for side in loop] for loop in topology.loops]
+        return [
+            [
+                BSplineCurve._trusted(curve.knots, curve.degree, points[at], curve.weights)
+                for curve, at in zip(loop, along, strict=True)
+            ]
+            for loop, along in zip(self.loops, self._points_of, strict=True)
+        ]
 
     def points(self, fitted: FittedBoundary) -> FloatArray:
         """Shared control points with the fitted boundary and the source's interior."""

@@ -3,7 +3,8 @@
 use crate::convert::{PatchTuple, patch, points2, rows};
 use crate::threads::{self, Deadline};
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use patchtransfer_core::distortion::HessianKind;
 use patchtransfer_core::numeric::sparse::{CooMatrix, CscMatrix};
 use patchtransfer_core::optimizer::{Model, Settings, SplineOptimizer as Core, Step, Stop};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -15,6 +16,9 @@ type Triplets<'py> =
 
 /// Columns energy, min_det, eps, decrement, one row a step.
 type Outcome<'py> = (Bound<'py, PyArray2<f64>>, f64, f64, Bound<'py, PyArray2<f64>>, &'static str);
+
+/// Fields, slopes and second derivatives.
+type Motions<'py> = (Vec<Bound<'py, PyArray2<f64>>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
 
 /// A multi-patch prepared for harmonic maps and distortion minimisation.
 #[pyclass]
@@ -105,6 +109,56 @@ impl SplineOptimizer {
         Ok((energy, rows(py, &gradient)))
     }
 
+    #[pyo3(signature = (points, lambda_, exact=true))]
+    fn linearise(
+        &mut self,
+        py: Python<'_>,
+        points: PyReadonlyArray2<'_, f64>,
+        lambda_: f64,
+        exact: bool,
+    ) -> PyResult<()> {
+        let x = self.shared_points(&points)?;
+        let kind = if exact { HessianKind::Exact } else { HessianKind::Projected };
+        threads::run(py, || self.core.linearise(&x, lambda_, kind))?.map_err(runtime)
+    }
+
+    fn respond<'py>(
+        &mut self,
+        py: Python<'py>,
+        forces: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.check_linearised()?;
+        let forces = [self.shared_points(&forces)?];
+        let out = threads::run(py, || self.core.respond(&forces))?;
+        Ok(rows(py, &out[0]))
+    }
+
+    fn product<'py>(
+        &mut self,
+        py: Python<'py>,
+        direction: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.check_linearised()?;
+        let direction = self.shared_points(&direction)?;
+        let out = threads::run(py, || self.core.product(&direction))?;
+        Ok(rows(py, &out))
+    }
+
+    /// Fields, slopes and second derivatives of the motions that begin with `begins`.
+    fn motions<'py>(
+        &mut self,
+        py: Python<'py>,
+        begins: Vec<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<Motions<'py>> {
+        self.check_linearised()?;
+        let begins = begins.iter().map(|f| self.shared_points(f)).collect::<PyResult<Vec<_>>>()?;
+        let count = begins.len();
+        let found = threads::run(py, || self.core.motions(begins))?;
+        let hessian = Array2::from_shape_vec((count, count), found.hessian).expect("a square");
+        let fields = found.fields.iter().map(|f| rows(py, f)).collect();
+        Ok((fields, found.slopes.into_pyarray(py), hessian.into_pyarray(py)))
+    }
+
     #[pyo3(signature = (points, lambda_, max_steps, tolerance, callback=None, seconds=None))]
     #[allow(clippy::too_many_arguments)]
     fn minimise<'py>(
@@ -155,6 +209,13 @@ impl SplineOptimizer {
 }
 
 impl SplineOptimizer {
+    fn check_linearised(&self) -> PyResult<()> {
+        if self.core.is_linearised() {
+            return Ok(());
+        }
+        Err(PyValueError::new_err("the optimizer is not linearised, or something else was factorized since"))
+    }
+
     fn shared_points(&self, points: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; 2]>> {
         let x = points2(points)?;
         if x.len() != self.core.n_points() {

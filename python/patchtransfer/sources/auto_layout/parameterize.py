@@ -14,7 +14,6 @@ from ...geometry.multipatch import MultiPatch
 from ...geometry.outline import Outline, hausdorff
 from ...interior.solver import CONTINUITY
 from ...limits import MAX_LAYOUT_DEGREE, MAX_LAYOUT_POINTS, at_most
-from ...measure.continuity import check_continuity
 from ...measure.quality import quality
 from ...numeric.arrays import FloatArray, IntArray
 from ...pipeline.options import Options
@@ -399,6 +398,5 @@ def _symmetric(
         multipatch=source,
         certificate=certificate,
         quality=quality(source),
-        continuity=check_continuity(source),
         boundary_error=error,
     )

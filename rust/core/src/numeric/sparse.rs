@@ -13,7 +13,7 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::traits::RealField;
 use faer::{Conj, MatMut, Par, Side};
-pub use nalgebra_sparse::{CooMatrix, CscMatrix};
+pub use nalgebra_sparse::{CooMatrix, CscMatrix, CsrMatrix};
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -176,6 +176,11 @@ pub fn upper_triangle(matrix: &CscMatrix<f64>) -> CscMatrix<f64> {
 /// `Zᵀ A Z` for a symmetric `A` given in full; `Z` maps the reduced unknowns to the full ones.
 pub fn congruence(a: &CscMatrix<f64>, z: &CscMatrix<f64>) -> CscMatrix<f64> {
     &z.transpose() * &(a * z)
+}
+
+/// `Zᵀ Z`.
+pub fn gram(z: &CscMatrix<f64>) -> CscMatrix<f64> {
+    &z.transpose() * z
 }
 
 /// `y = A x` for dense `x` with `columns` interleaved components a row.

@@ -14,6 +14,8 @@ pub(crate) struct Evaluator {
     pub elements: Elements,
     /// Take the Hessian's own nodes, if there are any.
     pub fewer_nodes: bool,
+    /// All strips.
+    strips: Vec<usize>,
     slots: Vec<Buffers>,
     summaries: Vec<Summary>,
 }
@@ -21,7 +23,8 @@ pub(crate) struct Evaluator {
 impl Evaluator {
     pub fn new(elements: Elements) -> Self {
         let slots = (0..BATCH.min(elements.len())).map(|_| Buffers::default()).collect();
-        Self { elements, fewer_nodes: false, slots, summaries: vec![] }
+        let strips = (0..elements.len()).collect();
+        Self { elements, fewer_nodes: false, strips, slots, summaries: vec![] }
     }
 
     /// Evaluate all strips; `add(strip, elements, buffers)` is called in their order.
@@ -30,21 +33,36 @@ impl Evaluator {
         x: &[[f64; 2]],
         parameters: Parameters,
         order: Order,
+        add: impl FnMut(usize, &Elements, &Buffers),
+    ) -> Summary {
+        let strips = std::mem::take(&mut self.strips);
+        let total = self.sweep_over(&strips, x, &[], parameters, order, add);
+        self.strips = strips;
+        total
+    }
+
+    /// Evaluate some of the strips.
+    fn sweep_over(
+        &mut self,
+        strips: &[usize],
+        x: &[[f64; 2]],
+        direction: &[[f64; 2]],
+        parameters: Parameters,
+        order: Order,
         mut add: impl FnMut(usize, &Elements, &Buffers),
     ) -> Summary {
         let mut total = Summary { energy: 0.0, min_det: f64::INFINITY, mean_det: 0.0 };
         let (elements, slots, summaries) = (&self.elements, &mut self.slots, &mut self.summaries);
         let fewer = self.fewer_nodes && matches!(order, Order::Hessian(_));
         let nodes = elements.hessian_nodes.as_ref().filter(|_| fewer).unwrap_or(&elements.nodes);
-        for start in (0..elements.len()).step_by(BATCH) {
-            let count = BATCH.min(elements.len() - start);
-            let work = |(k, buffers): (usize, &mut Buffers)| {
-                let (strip, nodes) = (&elements.strips[start + k], &nodes[start + k]);
-                StripKernel { strip, nodes, axes: &elements.axes, x, parameters, order, buffers }.evaluate()
+        for batch in strips.chunks(BATCH) {
+            let work = |(&s, buffers): (&usize, &mut Buffers)| {
+                let (strip, nodes, axes) = (&elements.strips[s], &nodes[s], &elements.axes);
+                StripKernel { strip, nodes, axes, x, direction, parameters, order, buffers }.evaluate()
             };
-            slots[..count].par_iter_mut().enumerate().map(work).collect_into_vec(summaries);
-            for (k, s) in summaries.iter().enumerate() {
-                add(start + k, elements, &slots[k]);
+            batch.par_iter().zip(slots[..batch.len()].par_iter_mut()).map(work).collect_into_vec(summaries);
+            for (k, (&strip, s)) in batch.iter().zip(summaries.iter()).enumerate() {
+                add(strip, elements, &slots[k]);
                 total.energy += s.energy;
                 total.mean_det += s.mean_det;
                 total.min_det = total.min_det.min(s.min_det);
@@ -79,6 +97,25 @@ impl Evaluator {
             }
         });
         (found.energy, gradient)
+    }
+
+    /// The exact Hessian times a direction, over all shared points: only strips where that does not vanish are looked
+    /// at. `add(point, value)` is called in their order, several times for a point.
+    pub fn product(
+        &mut self,
+        x: &[[f64; 2]],
+        direction: &[[f64; 2]],
+        parameters: Parameters,
+        mut add: impl FnMut(usize, [f64; 2]),
+    ) {
+        let touched =
+            |s: &usize| self.elements.strips[*s].points.iter().any(|&p| direction[p as usize] != [0.0; 2]);
+        let strips: Vec<usize> = self.strips.iter().copied().filter(touched).collect();
+        self.sweep_over(&strips, x, direction, parameters, Order::Product, |s, elements, buffers| {
+            for (&p, &g) in elements.strips[s].points.iter().zip(&buffers.gradient) {
+                add(p as usize, g);
+            }
+        });
     }
 
     /// Gradient of the Dirichlet energy `Σ w ‖∇x‖² / 2` on the reference map.

@@ -12,6 +12,7 @@ mod conjugate_gradients;
 pub mod elements;
 mod evaluation;
 mod laplacian;
+mod linearised;
 mod newton;
 mod ordering;
 mod preconditioner;
@@ -25,6 +26,8 @@ use crate::optimizer::coarse::{Coarse, coarsen};
 use crate::optimizer::elements::{ElementError, Elements, ExtraNode, Space};
 use crate::optimizer::evaluation::Evaluator;
 use crate::optimizer::laplacian::Laplacian;
+use crate::optimizer::linearised::Place;
+pub use crate::optimizer::linearised::{Field, Motions};
 use crate::optimizer::newton::{EPS_FEASIBLE, NewtonProblem};
 pub use crate::optimizer::newton::{Outcome, Settings, Step, Stop};
 use crate::optimizer::ordering::{Net, nested_dissection};
@@ -88,6 +91,8 @@ pub struct SplineOptimizer {
     coarser: Vec<(Coarse, NewtonProblem)>,
     /// Factorization of the Laplacian over the unknowns, once it was asked for.
     laplacian: Option<Laplacian>,
+    /// Where the Hessian is factorized, if that is what was factorized last.
+    linearised: Option<Place>,
     /// The last map whose determinants were asked for.
     judged: Option<Judged>,
 }
@@ -127,7 +132,7 @@ impl SplineOptimizer {
                 coarser.push((next, problem));
             }
         }
-        Ok(Self { model, problem, coarser, laplacian: None, judged: None })
+        Ok(Self { model, problem, coarser, laplacian: None, linearised: None, judged: None })
     }
 
     /// Number of entries of the null-space basis, 0 without one.
@@ -143,7 +148,7 @@ impl SplineOptimizer {
         assert_eq!(values.len(), self.basis_entries(), "the pattern of the basis stays");
         if let Some(reduced) = &mut self.problem.reduced {
             reduced.set_values(values);
-            self.laplacian = None;
+            (self.laplacian, self.linearised) = (None, None);
         }
     }
 
@@ -222,6 +227,7 @@ impl SplineOptimizer {
         settings: Settings,
         mut observe: impl FnMut(&Step) -> ControlFlow<()>,
     ) -> Result<Outcome, SparseError> {
+        self.linearised = None;
         let mean = self.determinants(x).1;
         // The area is fixed by the boundary, so the scale to mean determinant 1 stays valid.
         let scale = if mean > 0.0 { 1.0 / mean.sqrt() } else { 1.0 };

@@ -7,6 +7,7 @@ use crate::distortion::{EXACT_BELOW, HessianKind};
 use crate::numeric::quasi_newton::Memory;
 use crate::numeric::sparse::SparseError;
 use crate::optimizer::assembly::Assembly;
+use crate::optimizer::blocks::BlockPattern;
 use crate::optimizer::evaluation::Evaluator;
 use crate::optimizer::reduced::Reduced;
 use crate::optimizer::strip_kernel::{Parameters, Summary};
@@ -361,14 +362,43 @@ impl NewtonProblem {
     }
 
     fn assemble(&mut self, now: &Iterate, at: Parameters, kind: HessianKind) -> Result<(), SparseError> {
-        self.values.resize(4 * self.assembly.pattern.blocks(), 0.0);
-        self.evaluator.hessian(&now.x, at, kind, &self.assembly, &mut self.values);
         let sure = kind == HessianKind::Projected;
+        let (systems, pattern, values) = self.hessian(&now.x, at, kind);
+        systems.prepare(pattern, values, sure)
+    }
+
+    /// Factorize the Hessian at `x` on all nodes, as it is.
+    pub fn factorize_all_nodes(
+        &mut self,
+        x: &[[f64; 2]],
+        at: Parameters,
+        kind: HessianKind,
+    ) -> Result<(), SparseError> {
+        self.evaluator.fewer_nodes = false;
+        self.memory.clear();
+        let (systems, pattern, values) = self.hessian(x, at, kind);
+        systems.prepare_direct(pattern, values)
+    }
+
+    /// Solve by the factorization of [`Self::factorize_all_nodes`], column after column.
+    pub fn solve_columns(&self, rhs: &mut [f64]) {
+        self.systems.solve_columns(rhs);
+    }
+
+    /// The Hessian over the unknowns, and what solves its systems.
+    fn hessian(
+        &mut self,
+        x: &[[f64; 2]],
+        at: Parameters,
+        kind: HessianKind,
+    ) -> (&mut Systems, &BlockPattern, &mut [f64]) {
+        self.values.resize(4 * self.assembly.pattern.blocks(), 0.0);
+        self.evaluator.hessian(x, at, kind, &self.assembly, &mut self.values);
         match &self.reduced {
-            None => self.systems.prepare(&self.assembly.pattern, &mut self.values, sure),
+            None => (&mut self.systems, &self.assembly.pattern, &mut self.values),
             Some(reduced) => {
                 reduced.congruence(&self.values, &mut self.reduced_values);
-                self.systems.prepare(&reduced.pattern, &mut self.reduced_values, sure)
+                (&mut self.systems, &reduced.pattern, &mut self.reduced_values)
             }
         }
     }

@@ -135,6 +135,23 @@ impl Systems {
         }
     }
 
+    /// Factorize the matrix as it is, whatever the size: for many right-hand sides and full accuracy.
+    pub fn prepare_direct(&mut self, pattern: &BlockPattern, values: &mut [f64]) -> Result<(), SparseError> {
+        self.sure = false;
+        if let Some(iterative) = &mut self.iterative {
+            iterative.given_up = true;
+        }
+        self.factorize(pattern, values)
+    }
+
+    /// Solve by the factorization, column after column.
+    ///
+    /// # Panics
+    /// When there is none.
+    pub fn solve_columns(&self, rhs: &mut [f64]) {
+        self.direct.as_ref().expect("factorized").solve(rhs);
+    }
+
     fn factorize(&mut self, pattern: &BlockPattern, values: &mut [f64]) -> Result<(), SparseError> {
         if self.direct.is_none() {
             self.direct = Some(Cholesky::new(Arc::new(pattern.symbolic(self.order.as_deref())?)));

@@ -1,8 +1,9 @@
 use super::*;
+use crate::distortion::HessianKind;
 use crate::numeric::sparse::CooMatrix;
-use crate::optimizer::systems::Accuracy;
 use crate::spline::SplinePatch;
-use proptest::prelude::*;
+
+mod iterative;
 
 const SETTINGS: Settings = Settings { lambda: 0.3, max_steps: 200, tolerance: 1e-8 };
 
@@ -235,89 +236,92 @@ fn determinants_are_those_of_the_map_asked_for() {
     assert_eq!((optimizer.determinants(&x), optimizer.determinants(&x)), (first, first));
 }
 
-/// The optimizer with conjugate gradients at every size.
-fn iterative(mut optimizer: SplineOptimizer) -> SplineOptimizer {
-    let coarser = optimizer.coarser.iter_mut().map(|(_, problem)| problem);
-    for problem in coarser.chain([&mut optimizer.problem]) {
-        let pattern = problem.reduced.as_ref().map_or(&problem.assembly.pattern, |r| &r.pattern);
-        problem.systems = Systems::new(pattern, None, true).unwrap();
-    }
-    optimizer
+/// A minimum, its optimizer, and a wave of its fixed points.
+fn at_minimum(z: Option<CscMatrix<f64>>) -> (SplineOptimizer, Field, Field) {
+    let (model, free, x) = bent_pair(3);
+    let mut wave: Field = (0..x.len()).map(|k| [(0.7 * k as f64).sin(), (1.3 * k as f64).cos()]).collect();
+    free.iter().for_each(|&p| wave[p] = [0.0; 2]);
+    let mut optimizer = SplineOptimizer::new(model, free, z).unwrap();
+    let settings = Settings { tolerance: 1e-14, ..SETTINGS };
+    let found = optimizer.minimise(&x, settings, |_| ControlFlow::Continue(())).unwrap();
+    assert_eq!(found.stop, Stop::Converged);
+    (optimizer, found.points, wave)
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
+fn plus(x: &[[f64; 2]], step: f64, d: &[[f64; 2]]) -> Field {
+    x.iter().zip(d).map(|(x, d)| [x[0] + step * d[0], x[1] + step * d[1]]).collect()
+}
 
-    /// Whatever the map: Newton's step to the accuracy asked for, and the factorization's own where that is too much.
-    #[test]
-    fn steps_by_conjugate_gradients_are_those_of_the_factorization(
-        spans in 2usize..6, moves in prop::collection::vec(-0.02..0.02, 24),
-    ) {
-        let (model, free, mut x) = bent_pair(spans);
-        for (k, &p) in free.iter().enumerate() {
-            x[p] = [x[p][0] + moves[k % 24], x[p][1] + moves[(k + 7) % 24]];
+fn dot(a: &[[f64; 2]], b: &[[f64; 2]]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a[0] * b[0] + a[1] * b[1]).sum()
+}
+
+#[test]
+fn the_product_is_the_derivative_of_the_gradient() {
+    let (mut optimizer, x, wave) = at_minimum(None);
+    optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact).unwrap();
+    let product = optimizer.product(&wave);
+    // At fixed scale: the gradient's own is that of the map it is asked for.
+    let (step, place) = (1e-5, optimizer.linearised.as_ref().unwrap().at());
+    let mut gradient = |t: f64| optimizer.problem.evaluator.gradient_everywhere(&plus(&x, t, &wave), place).1;
+    let (up, down) = (gradient(step), gradient(-step));
+    let largest = product.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
+    for (p, g) in product.iter().enumerate() {
+        for c in 0..2 {
+            let difference = (up[p][c] - down[p][c]) / (2.0 * step);
+            assert!((difference - g[c]).abs() < 1e-6 * largest, "{p} {c}");
         }
-        let mut optimizer = SplineOptimizer::new(model, free.clone(), None).unwrap();
-        let problem = &mut optimizer.problem;
-        let at = Parameters { scale: 1.0, eps: 1e-2, lambda: 0.3 };
-        let pattern = &problem.assembly.pattern;
-        let mut values = vec![0.0; 4 * pattern.blocks()];
-        let kind = crate::distortion::HessianKind::Projected;
-        problem.evaluator.hessian(&x, at, kind, &problem.assembly, &mut values);
-        let right: Vec<f64> = (0..2 * free.len()).map(|i| (1.0 + 0.7 * i as f64).sin()).collect();
-        let mut solve = |iterative: bool, energy: f64, tolerance: f64| {
-            let mut systems = Systems::new(pattern, None, iterative).unwrap();
-            let mut x = right.clone();
-            systems.prepare(pattern, &mut values, true).unwrap();
-            systems.solve(pattern, &mut values, &mut x, Accuracy { energy, tolerance }).unwrap();
-            x
-        };
-        let exact = solve(false, 1.0, 0.0);
-        let fall: f64 = exact.iter().zip(&right).map(|(x, b)| x * b).sum();
-        // The fall of the model that a rough solution misses is the square of its error.
-        let rough = solve(true, fall, 1e-3);
-        let missed = 1.0 - rough.iter().zip(&right).map(|(x, b)| x * b).sum::<f64>() / fall;
-        prop_assert!(missed > -1e-9 && missed < 2e-2, "{}", missed);
-        prop_assert_eq!(&solve(true, f64::INFINITY, 0.0), &exact);
     }
 }
 
 #[test]
-fn conjugate_gradients_lead_to_the_same_map_on_any_number_of_threads() {
-    let (model, free, x) = bent_pair(28);
-    let run = |threads: usize| {
-        let mut optimizer = iterative(SplineOptimizer::new(model.clone(), free.clone(), None).unwrap());
-        let harmonic = optimizer.harmonic(&x).unwrap();
-        let solve = || optimizer.minimise(&harmonic, SETTINGS, |_| ControlFlow::Continue(()));
-        let found = on_threads(threads, solve).unwrap();
-        (harmonic, found)
+fn forces_are_answered_symmetrically_and_undone_by_the_hessian() {
+    let n = bent_pair(3).1.len();
+    let mut z = CooMatrix::new(n, n - 1);
+    // The last two free points move together.
+    (0..n).for_each(|i| z.push(i, i.min(n - 2), 1.0));
+    for z in [None, Some(CscMatrix::from(&z))] {
+        let (mut optimizer, x, wave) = at_minimum(z);
+        optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact).unwrap();
+        let other = plus(&wave, 1.0, &x);
+        let answers = optimizer.respond(&[x.clone(), other.clone()]);
+        assert!((dot(&answers[0], &other) - dot(&x, &answers[1])).abs() < 1e-10 * dot(&answers[0], &x));
+        // respond(H v) = v for motions of the unknowns.
+        let back = optimizer.product(&answers[0]);
+        for (a, b) in optimizer.respond(&[back])[0].iter().zip(&answers[0]) {
+            assert!((a[0] - b[0]).abs() + (a[1] - b[1]).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn motions_tell_the_energy_of_the_minima_they_lead_to() {
+    let (mut optimizer, x, wave) = at_minimum(None);
+    optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact).unwrap();
+    let place = optimizer.linearised.as_ref().unwrap().at();
+    let Motions { fields, slopes, hessian } = optimizer.motions(vec![wave]);
+    // The minimum at fixed scale, for the boundary moved by a step: by Newton's method, the factorization kept.
+    let mut least = |step: f64| {
+        let mut moved = plus(&x, step, &fields[0]);
+        for _ in 0..20 {
+            let (_, gradient) = optimizer.problem.evaluator.gradient_everywhere(&moved, place);
+            let correction = optimizer.respond(&[gradient]);
+            moved = plus(&moved, -1.0, &correction[0]);
+        }
+        optimizer.problem.evaluator.energy(&moved, place).energy
     };
-    let (harmonic, found) = run(1);
-    assert!(found.stop == Stop::Converged && found.min_det > 0.0);
-    assert_eq!(run(2).1.points, found.points);
-    let mut direct = SplineOptimizer::new(model.clone(), free.clone(), None).unwrap();
-    for (a, b) in direct.harmonic(&x).unwrap().iter().zip(&harmonic) {
-        assert!((a[0] - b[0]).abs() + (a[1] - b[1]).abs() < 1e-8);
-    }
-    let same = direct.minimise(&harmonic, SETTINGS, |_| ControlFlow::Continue(())).unwrap();
-    assert!((same.energy - found.energy).abs() < 1e-8 * same.energy);
+    let step = 2e-4;
+    let (up, here, down) = (least(step), least(0.0), least(-step));
+    assert!(((up - down) / (2.0 * step) - slopes[0]).abs() < 1e-5 * slopes[0].abs());
+    let second = (up - 2.0 * here + down) / (step * step);
+    assert!((second - hessian[0]).abs() < 1e-4 * hessian[0].abs(), "{second} {}", hessian[0]);
 }
 
 #[test]
-fn conjugate_gradients_open_folds_under_rows_as_well() {
-    let (model, free, start) = bent_pair(6);
-    let mut x = start;
-    for &p in &free {
-        x[p] = [0.9 - x[p][0], x[p][1]];
-    }
-    let n = free.len();
-    let mut z = CooMatrix::new(n, n);
-    (0..n).for_each(|i| z.push(i, n - 1 - i, 1.0 + i as f64 / n as f64));
-    for basis in [None, Some(CscMatrix::from(&z))] {
-        let new = || SplineOptimizer::new(model.clone(), free.clone(), basis.clone()).unwrap();
-        let solve = |mut o: SplineOptimizer| o.minimise(&x, SETTINGS, |_| ControlFlow::Continue(())).unwrap();
-        let (direct, found) = (solve(new()), solve(iterative(new())));
-        assert!(found.stop == Stop::Converged && found.min_det > 0.0, "{:?}", found.stop);
-        assert!((found.energy - direct.energy).abs() < 1e-7 * direct.energy);
-    }
+fn another_minimisation_ends_what_was_linearised() {
+    let (mut optimizer, x, _) = at_minimum(None);
+    optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact).unwrap();
+    assert!(optimizer.is_linearised());
+    optimizer.minimise(&x, SETTINGS, |_| ControlFlow::Continue(())).unwrap();
+    assert!(!optimizer.is_linearised());
 }
