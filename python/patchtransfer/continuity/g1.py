@@ -16,13 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from ..errors import InputError
 from ..geometry.multipatch import MultiPatch
 from ..geometry.topology import Spoke, Topology
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.dense import least_squares, product, svd
+from ..numeric.sparse import Sparse
 from .conditions import conditions, evaluated
 from .interfaces import ControlRows
 from .rows import ContinuityRows
@@ -313,10 +313,11 @@ def g1_rows(
         columns += [names] * rank
         entries += list(vt[:rank])
         interface += [index] * rank
-    pointer = np.concatenate([[0], np.cumsum([len(c) for c in columns])]).astype(np.int64)
-    shape = (len(interface), topology.n_points)
-    matrix = csr_array(
-        (np.concatenate([[], *entries]), np.concatenate([[], *columns]).astype(np.int64), pointer), shape=shape
+    matrix = Sparse.of_entries(
+        np.repeat(np.arange(len(interface)), [len(c) for c in columns]),
+        np.concatenate([np.empty(0, np.int64), *columns]),
+        np.concatenate([[], *entries]),
+        (len(interface), topology.n_points),
     )
     none = np.full(len(interface), -1)
     order = np.zeros(len(interface), np.int64)

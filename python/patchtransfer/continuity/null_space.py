@@ -10,16 +10,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array
 
 from ..errors import InputError
-from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.arrays import FloatArray, IntArray, distinct
 from ..numeric.components import components
 from ..numeric.definite import DefiniteFactor
 from ..numeric.dense import least_squares, product, svd
+from ..numeric.sparse import Sparse, ranges
 from .rows import ContinuityRows
 
 __all__ = ["RowSpace", "row_space"]
@@ -46,9 +45,9 @@ class RowSpace:
         The active ones.
     interior : (n_interior,) int array
         The points that may move.
-    basis : (n_interior, m) sparse array
+    basis : (n_interior, m) Sparse
         Columns span the displacements of the interior points that keep the rows.
-    particular : (n_interior, n_points) sparse array
+    particular : (n_interior, n_points) Sparse
         From the boundary points to interior points that satisfy the rows.
     contradictory : tuple of (interface, vertex)
         Rows that the boundary contradicts; they are not active. Vertex -1: a row that belongs to no vertex.
@@ -58,8 +57,8 @@ class RowSpace:
 
     rows: ContinuityRows
     interior: IntArray
-    basis: csc_array
-    particular: csr_array
+    basis: Sparse
+    particular: Sparse
     contradictory: tuple[tuple[int, int], ...]
     redundant: int
 
@@ -113,34 +112,24 @@ def row_space(rows: ContinuityRows, interior: IntArray, points: FloatArray) -> R
         lift, equations, others = _substituted(rows, first, free)
     # Unknowns come after the fixed points.
     n = len(points)
-    null, particular, dropped, redundant = _solve_groups(
-        csr_array(equations[:, n:]), csr_array(equations[:, :n]), points, rows.order[others]
-    )
+    null, particular, dropped, redundant = _solve_groups(equations[:, n:], equations[:, :n], points, rows.order[others])
     dropped = others[dropped]
     if together and len(dropped):
         # These are combinations of an interface's rows: it loses them all.
-        lost = np.unique(rows.interface[dropped])
+        lost = distinct(rows.interface[dropped])
         space = row_space(rows.select(np.flatnonzero(~np.isin(rows.interface, lost))), interior, points)
         return replace(space, contradictory=(*space.contradictory, *((int(i), -1) for i in lost)))
     return RowSpace(
         rows=rows.select(np.setdiff1d(np.arange(len(rows)), dropped)) if len(dropped) else rows,
         interior=interior,
-        basis=csc_array(_without_rounding(lift[interior, n:] @ null)),
-        particular=_without_rounding(lift[interior, :n] + lift[interior, n:] @ particular),
+        basis=(lift[interior, n:] @ null).without(ROUNDING),
+        particular=(lift[interior, :n] + lift[interior, n:] @ particular).without(ROUNDING),
         contradictory=tuple((int(rows.interface[i]), int(rows.vertex[i])) for i in np.sort(dropped)),
         redundant=redundant,
     )
 
 
-def _without_rounding(matrix: Any) -> csr_array:
-    matrix = csr_array(matrix)
-    matrix.data[np.abs(matrix.data) < ROUNDING] = 0.0
-    matrix.eliminate_zeros()
-    matrix.sort_indices()
-    return matrix
-
-
-def _substituted(rows: ContinuityRows, first: IntArray, free: np.ndarray) -> tuple[csr_array, csr_array, IntArray]:
+def _substituted(rows: ContinuityRows, first: IntArray, free: np.ndarray) -> tuple[Sparse, Sparse, IntArray]:
     """Read the rows `first` as substitutions.
 
     Returns the map from [fixed points, masters] to all points, the other rows in [fixed points, masters], and their
@@ -150,7 +139,7 @@ def _substituted(rows: ContinuityRows, first: IntArray, free: np.ndarray) -> tup
     number = np.full(n, -1)
     number[slaves] = np.arange(len(first))
     counts = np.diff(rows.matrix.indptr)[first]
-    entries = _ranges(rows.matrix.indptr[first], counts)
+    entries = ranges(rows.matrix.indptr[first], counts)
     point, column, weight = np.repeat(slaves, counts), rows.matrix.indices[entries], rows.matrix.data[entries]
     # Rows are scaled by their factor of the slave, so the others are its substitution.
     others = point != column
@@ -164,24 +153,18 @@ def _substituted(rows: ContinuityRows, first: IntArray, free: np.ndarray) -> tup
         parts.append((point[~again], column[~again], weight[~again]))
         point, column, weight = point[again], column[again], weight[again]
         times = counts[number[column]]
-        entries = _ranges(starts[number[column]], times)
+        entries = ranges(starts[number[column]], times)
         point, column, weight = np.repeat(point, times), columns[entries], np.repeat(weight, times) * weights[entries]
     place = np.arange(n)
     masters = np.flatnonzero(free & (number < 0))
     place[masters] = n + np.arange(len(masters))
     kept = np.flatnonzero(number < 0)
     point, column, weight = (np.concatenate(x) for x in zip(*parts, (kept, kept, np.ones(len(kept))), strict=True))
-    lift = csr_array((weight, (point, place[column])), shape=(n, n + len(masters)))
+    lift = Sparse.of_entries(point, place[column], weight, (n, n + len(masters)))
     used = np.zeros(len(rows), bool)
     used[first] = True
     rest = np.flatnonzero(~used)
-    return lift, _without_rounding(rows.matrix[rest] @ lift), rest
-
-
-def _ranges(starts: IntArray, lengths: IntArray) -> IntArray:
-    """The ranges ``starts[k], ..., starts[k] + lengths[k] - 1`` one after the other."""
-    before = np.cumsum(lengths) - lengths
-    return np.repeat(starts - before, lengths) + np.arange(int(lengths.sum()))
+    return lift, (rows.matrix[rest] @ lift).without(ROUNDING), rest
 
 
 def _check_depth(substitution: IntArray, needs: IntArray, n: int) -> None:
@@ -201,7 +184,7 @@ def _check_depth(substitution: IntArray, needs: IntArray, n: int) -> None:
     )
 
 
-def _interfaces_solved(rows: ContinuityRows, free: np.ndarray) -> tuple[csr_array, csr_array, IntArray]:
+def _interfaces_solved(rows: ContinuityRows, free: np.ndarray) -> tuple[Sparse, Sparse, IntArray]:
     """Solve the rows of every interface for points that no other interface touches.
 
     Unknowns that remain are the points that interfaces share or that have no rows, and those of an interface's own
@@ -209,10 +192,8 @@ def _interfaces_solved(rows: ContinuityRows, free: np.ndarray) -> tuple[csr_arra
     interface's rows, and any of them stands for all.
     """
     n = len(free)
-    touched = csr_array((np.ones(rows.matrix.nnz), rows.matrix.indices, rows.matrix.indptr), shape=rows.matrix.shape)
-    shape = (int(rows.interface.max(initial=0)) + 1, len(rows))
-    incidence = csr_array((np.ones(len(rows)), (rows.interface, np.arange(len(rows)))), shape=shape)
-    owned = free & (np.asarray((csr_array(incidence @ touched) > 0).sum(axis=0)).ravel() == 1)
+    touched = distinct(rows.interface[rows.matrix.rows] * n + rows.matrix.indices) % n
+    owned = free & (np.bincount(touched, minlength=n) == 1)
     kept = np.flatnonzero(free & ~owned)
     column = np.arange(n)
     column[kept] = n + np.arange(len(kept))
@@ -221,14 +202,16 @@ def _interfaces_solved(rows: ContinuityRows, free: np.ndarray) -> tuple[csr_arra
     lifts: list[tuple[IntArray, IntArray, FloatArray]] = []
     equations: list[tuple[IntArray, IntArray, FloatArray]] = []
     others: list[IntArray] = []
-    for index in np.unique(rows.interface):
+    for index in distinct(rows.interface):
         r = np.flatnonzero(rows.interface == index)
-        block = csr_array(rows.matrix[r])
-        used = np.unique(block.indices)
+        block = rows.matrix[r]
+        used, place = np.unique(block.indices, return_inverse=True)
+        dense = np.zeros((len(r), len(used)))
+        dense[block.rows, place] = block.data
         own, rest = used[owned[used]], used[~owned[used]]
-        u, sigma, _ = svd(block[:, own].toarray(), full=True)
+        u, sigma, _ = svd(dense[:, owned[used]], full=True)
         strong = int((sigma > STRONG).sum())
-        inside, outside = (product(u.T, block[:, c].toarray()) for c in (own, rest))
+        inside, outside = (product(u.T, dense[:, which]) for which in (owned[used], ~owned[used]))
         solution, null = (x[0] for x in _echelon(inside[None, :strong]))
         columns = np.concatenate([column[rest], width + np.arange(null.shape[1])])
         width += null.shape[1]
@@ -241,26 +224,25 @@ def _interfaces_solved(rows: ContinuityRows, free: np.ndarray) -> tuple[csr_arra
         others.append(r[strong:])
     offsets = np.cumsum([0, *(len(r) for r, _, _ in equations)])
     shifted = [(r + k, c, block) for (r, c, block), k in zip(equations, offsets[:-1], strict=True)]
-    identity = csr_array((np.ones(len(unowned)), (unowned, column[unowned])), shape=(n, width))
-    lift = csr_array(identity + _assembled(lifts, (n, width)))
+    identity = Sparse.of_entries(unowned, column[unowned], np.ones(len(unowned)), (n, width))
     return (
-        lift,
-        _without_rounding(_assembled(shifted, (int(offsets[-1]), width))),
+        identity + _assembled(lifts, (n, width)),
+        _assembled(shifted, (int(offsets[-1]), width)).without(ROUNDING),
         np.concatenate([[], *others]).astype(int),
     )
 
 
-def _assembled(blocks: list[tuple[IntArray, IntArray, FloatArray]], shape: tuple[int, int]) -> csr_array:
+def _assembled(blocks: list[tuple[IntArray, IntArray, FloatArray]], shape: tuple[int, int]) -> Sparse:
     """Sum of dense blocks, or of stacks of them, at the given rows and columns."""
     row = np.concatenate([[], *(np.repeat(r, c.shape[-1], axis=-1).ravel() for r, c, _ in blocks)]).astype(int)
     wide = [np.repeat(np.expand_dims(c, -2), r.shape[-1], axis=-2).ravel() for r, c, _ in blocks]
     columns = np.concatenate([[], *wide]).astype(int)
-    return csr_array((np.concatenate([[], *(b.ravel() for _, _, b in blocks)]), (row, columns)), shape=shape)
+    return Sparse.of_entries(row, columns, np.concatenate([[], *(b.ravel() for _, _, b in blocks)]), shape)
 
 
 def _solve_groups(
-    matrix: csr_array, fixed: csr_array, points: FloatArray, order: IntArray
-) -> tuple[csr_array, csr_array, IntArray, int]:
+    matrix: Sparse, fixed: Sparse, points: FloatArray, order: IntArray
+) -> tuple[Sparse, Sparse, IntArray, int]:
     """Solve ``matrix`` y = -``fixed`` x for y, group by group, where x are all points and only fixed ones count.
 
     Returns null vectors of the matrix (columns), the solution's matrix on x, the equations dropped because the fixed
@@ -268,7 +250,7 @@ def _solve_groups(
     """
     tolerance = CONSISTENT * float(np.linalg.norm(np.ptp(points, axis=0)))
     m, n = matrix.shape
-    at_fixed = np.asarray(fixed @ points)
+    at_fixed = fixed @ points
     empty = np.diff(matrix.indptr) == 0
     contradicted = np.abs(at_fixed).max(axis=1, initial=0.0) > tolerance
     dropped, redundant = np.flatnonzero(empty & contradicted).tolist(), int((empty & ~contradicted).sum())
@@ -295,7 +277,7 @@ def _solve_groups(
         missed = at_fixed[r] - product(inside, product(np.swapaxes(inside, 1, 2), at_fixed[r]))
         fine = np.abs(missed).max(axis=(1, 2)) <= tolerance
         rank = large.sum(axis=1)
-        for value in np.unique(rank[fine]):
+        for value in distinct(rank[fine]):
             k = np.flatnonzero(fine & (rank == value))
             solve(r[k], c[k], u[k, :, :value], sigma[k, :value], vt[k, :value])
         for i in np.flatnonzero(~fine):
@@ -304,9 +286,10 @@ def _solve_groups(
             u_i, sigma_i, vt_i = svd(dense[i, kept])
             rest = int((sigma_i > RANK_TOLERANCE).sum())
             solve(r[i, kept][None], c[i][None], u_i[None, :, :rest], sigma_i[None, :rest], vt_i[None, :rest])
-    identity = csr_array((np.ones(alone.sum()), (np.flatnonzero(alone), np.arange(alone.sum()))), shape=(n, width))
-    null_vectors = csr_array(identity + _assembled(nulls, (n, width)))
-    return null_vectors, csr_array(_assembled(solutions, (n, m)) @ fixed), np.array(dropped, int), redundant
+    count = int(alone.sum())
+    identity = Sparse.of_entries(np.flatnonzero(alone), np.arange(count), np.ones(count), (n, width))
+    null_vectors = identity + _assembled(nulls, (n, width))
+    return null_vectors, _assembled(solutions, (n, m)) @ fixed, np.array(dropped, int), redundant
 
 
 def _echelon(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -337,11 +320,11 @@ def _echelon(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     return solution, null
 
 
-def _tied(matrix: csr_array) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+def _tied(matrix: Sparse) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
     """Rows, columns and blocks of the entries that belong together, blocks of the same shape stacked."""
     if not matrix.nnz:
         return
-    m, row = matrix.shape[0], np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+    m, row = matrix.shape[0], matrix.rows
     used, column = np.unique(matrix.indices, return_inverse=True)
     size = m + len(used)
     label = components(size, row, m + column)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from ..geometry.topology import Spoke, Topology, Vertex
 from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.sparse import Sparse
 from .interfaces import ControlRows, chord_ratios, frames
 
 __all__ = ["C1Rows", "ContinuityRows"]
@@ -27,7 +27,7 @@ class ContinuityRows:
 
     Attributes
     ----------
-    matrix : (m, n_points) sparse array
+    matrix : (m, n_points) Sparse
         Scaled so that residuals are lengths: C1 rows by their factor of s_j, others to unit norm.
     slave : (m,) int array
         The control point s_j that a C1 row expresses as a mean of L_j and R_j; -1 for other rows.
@@ -47,7 +47,7 @@ class ContinuityRows:
         second point s_2 of the interface lies on the boundary.
     """
 
-    matrix: csr_array
+    matrix: Sparse
     slave: IntArray
     interface: IntArray
     vertex: IntArray
@@ -62,7 +62,7 @@ class ContinuityRows:
     def select(self, keep: IntArray) -> ContinuityRows:
         """Only the rows with the indices `keep`."""
         return ContinuityRows(
-            csr_array(self.matrix[keep]),
+            self.matrix[keep],
             *(self.slave[keep], self.interface[keep], self.vertex[keep], self.order[keep]),
             self.left_out,
             self.without,
@@ -131,16 +131,12 @@ class C1Rows:
         data = np.column_stack([weights[interface], -np.ones(len(interface))])
         of_vertices = self._vertex_rows.of(ratios, reference, rowless)
         width = [columns.shape[1]] * len(columns) + [of_vertices.columns.shape[1]] * len(of_vertices.columns)
-        matrix = csr_array(
-            (
-                np.concatenate([data.ravel(), of_vertices.data.ravel()]),
-                np.concatenate([columns.ravel(), of_vertices.columns.ravel()]),
-                np.concatenate([[0], np.cumsum(width)]).astype(np.int64),
-            ),
-            shape=(len(width), self._topology.n_points),
-        )
-        matrix.sum_duplicates()
-        matrix.eliminate_zeros()
+        matrix = Sparse.of_entries(
+            np.repeat(np.arange(len(width)), width),
+            np.concatenate([columns.ravel(), of_vertices.columns.ravel()]),
+            np.concatenate([data.ravel(), of_vertices.data.ravel()]),
+            (len(width), self._topology.n_points),
+        ).without(0.0)
         none = np.full(len(interface), -1)
         return ContinuityRows(
             matrix,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .._core import evaluate_spline
 from ..errors import InputError
 from ..numeric import dense
-from ..numeric.arrays import FloatArray, frozen_array
+from ..numeric.arrays import FloatArray, distinct, frozen_array
 
 __all__ = [
     "check_inside",
@@ -96,7 +96,7 @@ def check_order(order: int, what: str) -> None:
 
 def knot_spans(knots: ArrayLike) -> FloatArray:
     """Distinct knots, the breaks between spans."""
-    return np.unique(np.asarray(knots, dtype=np.float64))
+    return distinct(np.asarray(knots, dtype=np.float64))
 
 
 def reverse_knots(knots: FloatArray) -> FloatArray:

@@ -12,18 +12,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
 
 from .._core import SplineOptimizer as CoreSplineOptimizer
 from ..errors import InputError
 from ..geometry.patch import Patch
 from ..geometry.sides import around_corner
 from ..geometry.topology import Topology
-from ..numeric.arrays import FloatArray
+from ..numeric.arrays import FloatArray, distinct
+from ..numeric.sparse import Sparse
 from ..progress import Budget, Progress, reporter
 from ..proof.certificate import Cell, Certificate
 
@@ -67,7 +67,7 @@ class SplineOptimizer:
         Additional nodes.
     excluded_corners : sequence of (patch, corner)
         Patch corners left out of the energy because the map is degenerate there.
-    null_space : (n_interior, m) sparse array, optional
+    null_space : (n_interior, m) Sparse, or a sparse array of SciPy's, optional
         Columns span the displacements of the interior points (``topology.interior_points``) that keep the
         continuity rows; default all displacements.
 
@@ -85,14 +85,14 @@ class SplineOptimizer:
         nodes_per_degree: int = 2,
         extra_nodes: Sequence[tuple[int, float, float]] = (),
         excluded_corners: Sequence[tuple[int, int]] = (),
-        null_space: csc_array | None = None,
+        null_space: Any = None,
     ) -> None:
         patches = topology.patches if reference is None else reference
         self.step_cost = step_cost(patches, nodes_per_degree, extra_nodes)
         triplets = None
         if null_space is not None:
-            z = null_space.tocoo()
-            triplets = (z.row.astype(np.int64), z.col.astype(np.int64), z.data.astype(float), z.shape[1])
+            z = Sparse.of(null_space)
+            triplets = (z.T.indices, z.T.rows, z.T.data, z.shape[1])
         try:
             self._core = CoreSplineOptimizer(
                 [(*patch.knots, *patch.degrees, patch.control_points, None) for patch in patches],
@@ -107,9 +107,9 @@ class SplineOptimizer:
         except RuntimeError as error:
             raise InputError(f"the source cannot be optimised on: {error}") from None
 
-    def set_basis(self, null_space: csc_array) -> None:
+    def set_basis(self, null_space: Any) -> None:
         """Another null-space basis with entries at the same places; symbolic work is kept."""
-        self._core.set_basis(null_space.data)
+        self._core.set_basis(Sparse.of(null_space).T.data)
 
     def harmonic(self, points: FloatArray) -> FloatArray:
         """Spline harmonic map (Galerkin on the reference) with the boundary points of `points`."""
@@ -348,7 +348,7 @@ def step_cost(
     """Work of a Newton step in nodes of the grid, extra ones counted for what they cost."""
     cost = 0.0
     for patch in patches:
-        spans = [len(np.unique(knots)) - 1 for knots in patch.knots]
+        spans = [len(distinct(knots)) - 1 for knots in patch.knots]
         cost += math.prod(n * (nodes_per_degree * p + 1) for n, p in zip(spans, patch.degrees, strict=True))
     local = [EXTRA_NODE * (patch.degrees[0] + 1) * (patch.degrees[1] + 1) for patch in patches]
     return cost + sum(local[node[0]] for node in extra_nodes)

@@ -6,9 +6,9 @@ import threading
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csc_array
 
 from ..continuity.g1 import g1_rows
 from ..continuity.interfaces import control_rows
@@ -18,11 +18,22 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.topology import Spoke
 from ..numeric.arrays import FloatArray
-from ..paper.method import PaperHistory, paper_map
+from ..numeric.sparse import Sparse
 from ..progress import Budget, Clock, Progress, StopReason, reporter
 from ..proof.certificate import BoundaryReport, Certificate, certify
-from .optimizer import ROUGH, Certify, SplineOptimizer, degenerate_corners, optimize_with_ladder, step_cost
+from .optimizer import (
+    ROUGH,
+    Certify,
+    OptimizedMap,
+    SplineOptimizer,
+    degenerate_corners,
+    optimize_with_ladder,
+    step_cost,
+)
 from .under_rows import ROW_ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
+
+if TYPE_CHECKING:
+    from ..paper.method import PaperHistory
 
 __all__ = ["CONTINUITY", "InteriorMap", "InteriorSolver"]
 
@@ -153,7 +164,7 @@ class InteriorSolver:
         log: list[str] = []
         spare: InteriorMap | None = None
         if self._levels:
-            with clock("optimisation"):
+            with clock("optimisation") as stage:
                 optimizer = make()
                 rough = optimizer.minimise(
                     optimizer.harmonic(start),
@@ -161,6 +172,7 @@ class InteriorSolver:
                     tolerance=ROUGH,
                     seconds=budget.seconds_left(),
                 )
+                stage.found = _figures(rough)
             log.append(f"rough map for the rows to follow: smallest determinant {rough.min_determinant:.3g}")
             if budget.expired():
                 return InteriorMap(rough.points, check(rough.points), log, [])
@@ -172,7 +184,7 @@ class InteriorSolver:
                 if complete or budget.expired():
                     return replace(under, log=log)
                 spare = under if under.rows is not None and under.rows.collapsed else None
-        with clock("optimisation"):
+        with clock("optimisation") as stage:
             found, certificate, entries = optimize_with_ladder(
                 make,
                 start,
@@ -182,6 +194,7 @@ class InteriorSolver:
                 progress=progress,
                 budget=budget.part(1 - ROWS_SHARE if self._levels else 1),
             )
+            stage.found = _figures(found)
         log += entries
         if spare is not None and not certificate.injective:
             return replace(spare, log=[*log, "the certified map under rows is kept, though its corners collapse"])
@@ -208,7 +221,7 @@ class InteriorSolver:
         log: list[str] = []
         complete = True
         for level in self._levels:
-            with clock("continuity rows"):
+            with clock("continuity rows") as stage:
                 choices = [
                     partial(self._rows, choice, points) for choice in (level, "g1 linear")[: 1 + (level == "g1")]
                 ]
@@ -223,6 +236,7 @@ class InteriorSolver:
                     rounds=rounds,
                     budget=budget,
                 )
+                stage.found = f"{rows.active} rows kept; {entries[-1] if entries else 'no step'}"
             log += entries
             kept = self._linear.issuperset(rows.without) and not rows.collapsed
             complete = complete and certificate.injective and kept
@@ -234,6 +248,9 @@ class InteriorSolver:
         self, start: FloatArray, clock: Clock, budget: Budget, boundary: BoundaryReport | None = None
     ) -> InteriorMap:
         """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
+        # It works with SciPy's matrices, which take longer to load than a transfer without them.
+        from ..paper.method import paper_map
+
         topology = self.source.topology
         mapped = paper_map(topology, start, stage=clock, budget=budget)
 
@@ -243,7 +260,7 @@ class InteriorSolver:
 
         def solve(space: RowSpace, near: FloatArray) -> tuple[FloatArray, Certificate, list[str]]:
             nonlocal mapped
-            mapped = paper_map(topology, space.project(near), space.basis, stage=clock, budget=budget)
+            mapped = paper_map(topology, space.project(near), space.basis.to_scipy(), stage=clock, budget=budget)
             return mapped.points, check(mapped.points), mapped.log
 
         for level in self._levels:
@@ -287,7 +304,7 @@ class InteriorSolver:
         boundary: BoundaryReport | None = None,
     ) -> InteriorMap:
         """One map of low distortion on a boundary that no certificate will accept: an illustration of the reason."""
-        with clock("optimisation"):
+        with clock("optimisation") as stage:
             optimizer = self.optimizer(degenerate)
             found = optimizer.minimise(
                 optimizer.harmonic(start),
@@ -295,14 +312,17 @@ class InteriorSolver:
                 tolerance=ROUGH,
                 seconds=budget.seconds_left(),
             )
+            stage.found = _figures(found)
         entry = f"optimise: {len(found.history)} Newton steps, {found.stop}, smallest determinant "
         certificate = self.certify(found.points, clock, boundary)
         return InteriorMap(found.points, certificate, [f"{entry}{found.min_determinant:.3g}", reason], [])
 
     def certify(self, points: FloatArray, clock: Clock, boundary: BoundaryReport | None = None) -> Certificate:
         """Proof of injectivity for shared control points; `boundary` is what is known of its loops."""
-        with clock("certificate"):
-            return certify(self.model(points), boundary=boundary)
+        with clock("certificate") as stage:
+            certificate = certify(self.model(points), boundary=boundary)
+            stage.found = certificate.status
+        return certificate
 
     def model(self, points: FloatArray) -> MultiPatch:
         """The source with other control points; the last one is kept."""
@@ -316,7 +336,7 @@ class InteriorSolver:
         degenerate: Sequence[tuple[int, int]],
         nodes_per_degree: int = 2,
         extra_nodes: Sequence[tuple[int, float, float]] = (),
-        null_space: csc_array | None = None,
+        null_space: Sparse | None = None,
     ) -> SplineOptimizer:
         """Optimizer on the source; symbolic work is kept, one optimizer a thread because it owns its buffers."""
         excluded = sorted(set(degenerate) | set(self._degenerate))
@@ -362,3 +382,8 @@ class InteriorSolver:
         if level.startswith("g1"):
             return g1_rows(self.source.topology, self._control, reference, without, linear=level == "g1 linear")
         return self._c1(reference, released, without)
+
+
+def _figures(found: OptimizedMap) -> str:
+    """Steps and energy of the optimiser, for those who watch."""
+    return f"{len(found.history)} Newton steps, energy {found.energy:.4f}, {found.stop}"

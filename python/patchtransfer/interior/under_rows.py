@@ -13,15 +13,15 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, eye_array
 
 from ..continuity.null_space import RowSpace, row_space
 from ..continuity.rows import ContinuityRows
 from ..geometry.multipatch import MultiPatch
 from ..geometry.straight_corners import corner_triangles
 from ..geometry.topology import Spoke, Topology
-from ..numeric.arrays import FloatArray
+from ..numeric.arrays import FloatArray, distinct
 from ..numeric.definite import DefiniteFactor
+from ..numeric.sparse import Sparse
 from ..progress import Budget, Progress
 from ..proof.certificate import Certificate
 from .optimizer import Certify, SplineOptimizer, optimize_with_ladder
@@ -320,7 +320,8 @@ class _Corners:
         rows, self._turn = corner_triangles(topology, corners)
         self._apex, self._u, self._v = rows.T
         # The first points of the interfaces that end at these vertices.
-        self._first = np.intersect1d(np.concatenate([self._u, self._v]), topology.interior_points)
+        first = distinct(np.concatenate([self._u, self._v]))
+        self._first = np.intersect1d(first, topology.interior_points, assume_unique=True)
         self._free = np.zeros(topology.n_points)
         self._free[topology.interior_points] = 1.0
 
@@ -332,12 +333,12 @@ class _Corners:
     def with_rows(self, rows: ContinuityRows, points: FloatArray) -> FloatArray:
         """The nearest points that satisfy the C1 rows of the first points of interfaces, all other rows aside."""
         near = rows.matrix[np.flatnonzero(np.isin(rows.slave, self._first))]
-        movable = csr_array(near @ diags_array(self._free))
+        movable = near.scaled(self._free)
         gram = movable @ movable.T
         if not gram.shape[0]:
             return points
         # Rows may follow from each other: so little that it does not show, but no pivot is lost to rounding.
-        gram = gram + LIFTED * float(gram.diagonal().max()) * eye_array(gram.shape[0])
+        gram = gram + Sparse.diagonal_of(np.full(gram.shape[0], LIFTED * float(gram.diagonal().max())))
         return np.asarray(points - movable.T @ DefiniteFactor(gram).solve(near @ points))
 
     def _jacobians(self, points: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import TransferError
 from ..fitting.fit import FittedBoundary
@@ -15,11 +15,13 @@ from ..geometry.multipatch import MultiPatch
 from ..interior.under_rows import ActiveRows
 from ..measure.continuity import ContinuityReport, check_continuity
 from ..measure.quality import Quality
-from ..paper.method import PaperHistory
 from ..proof.certificate import Certificate
 from ..registration.register import Registration
 from .posed import Failure
 from .sliding import SlideReport
+
+if TYPE_CHECKING:
+    from ..paper.method import PaperHistory
 
 __all__ = ["BoundaryMissedError", "NotCertifiedError", "TransferResult", "failure_of"]
 

@@ -142,6 +142,11 @@ pub fn congruence(a: &CscMatrix<f64>, z: &CscMatrix<f64>) -> CscMatrix<f64> {
     &z.transpose() * &(a * z)
 }
 
+/// `A B`; every entry is summed in the order of the columns of `A`.
+pub fn product(a: &CscMatrix<f64>, b: &CscMatrix<f64>) -> CscMatrix<f64> {
+    a * b
+}
+
 /// `y = A x` for dense `x` with `columns` interleaved components a row.
 pub fn multiply(a: &CscMatrix<f64>, x: &[f64], columns: usize) -> Vec<f64> {
     let mut y = vec![0.0; a.nrows() * columns];
