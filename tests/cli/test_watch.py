@@ -104,7 +104,7 @@ def test_other_commands_log_their_stages(tmp_path):
             {"reading", "registration", "certificate", "writing"},
         ),
         (
-            ("morph", tmp_path / "source.xml", tmp_path / "source.xml", "-n", 3, "-o", tmp_path / "m"),
+            ("morph", plate, plate, "-n", 3, "-o", tmp_path / "m"),
             {"reading", "frames"},
         ),
     ):

@@ -218,7 +218,8 @@ def test_every_stage_is_told_when_it_begins_and_ends(options):
     mp = models.plate_with_hole(2, 3)
     target, landmarks = targets.deformed(mp, targets.bend(mp, 30))
     listener = Listener()
-    result = pt.transfer(mp, target, landmarks, progress=listener, **options)
+    # Half of the joints are free to slide.
+    result = pt.transfer(mp, target, landmarks[::2], progress=listener, on_failure="return", **options)
     assert sorted(listener.begun) == sorted(stage for stage, *_ in listener.ends)
     # What is logged adds up to what the report says.
     for stage, seconds in result.timings.items():
