@@ -22,7 +22,6 @@ from patchtransfer.interior import solver as interior
 from patchtransfer.interior import under_rows as constrained
 from patchtransfer.interior.optimizer import SplineOptimizer
 from patchtransfer.interior.under_rows import best_under_rows
-from patchtransfer.numeric.sparse import Sparse
 from strategies import deformations, layouts
 
 
@@ -139,11 +138,11 @@ def test_rows_that_the_boundary_contradicts_are_dropped():
     t = mp.topology
     rows = C1Rows(t, control_rows(t))(t.coordinates)
     a, b = t.boundary_points[:2]
-    matrix = rows.matrix.to_scipy().tolil()
+    matrix = rows.matrix.tolil()
     matrix[0] = 0
     matrix[0, [a, b]] = [1.0, -1.0]
     broken = ContinuityRows(
-        Sparse.of(matrix), np.array([-1, *rows.slave[1:]]), rows.interface, rows.vertex, rows.order, rows.left_out, ()
+        matrix.tocsr(), np.array([-1, *rows.slave[1:]]), rows.interface, rows.vertex, rows.order, rows.left_out, ()
     )
     space = row_space(broken, t.interior_points, t.coordinates)
     assert space.contradictory == ((0, -1),)

@@ -107,6 +107,10 @@ def summary(content: dict[str, Any], output: str | None) -> None:
         add("patches", str(content["patches"]))
     if "boundary_error" in content:
         add("boundary error", f"{content['boundary_error']:.2e} of the diameter")
+        missed = content.get("registration", {}).get("missed_corners")
+        if missed:
+            worst = max(corner["cost"] for corner in missed)
+            add("  corners inside sides", f"{len(missed)}, rounded off by about {worst:.1e} at most")
         times = content["timings"]
         add("time", f"{1e3 * sum(times.values()):.1f} ms")
         for stage, seconds in times.items():

@@ -21,8 +21,8 @@ from ..errors import InputError
 from ..geometry.multipatch import MultiPatch
 from ..geometry.topology import Spoke, Topology
 from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.compressed import Compressed
 from ..numeric.dense import least_squares, product, svd
-from ..numeric.sparse import Sparse
 from .conditions import conditions, evaluated
 from .interfaces import ControlRows
 from .rows import ContinuityRows
@@ -313,12 +313,9 @@ def g1_rows(
         columns += [names] * rank
         entries += list(vt[:rank])
         interface += [index] * rank
-    matrix = Sparse.of_entries(
-        np.repeat(np.arange(len(interface)), [len(c) for c in columns]),
-        np.concatenate([np.empty(0, np.int64), *columns]),
-        np.concatenate([[], *entries]),
-        (len(interface), topology.n_points),
-    )
+    pointer = np.concatenate([[0], np.cumsum([len(c) for c in columns])]).astype(np.int64)
+    indices = np.concatenate([[], *columns]).astype(np.int64)
+    matrix = Compressed(pointer, indices, np.concatenate([[], *entries]), (len(interface), topology.n_points))
     none = np.full(len(interface), -1)
     order = np.zeros(len(interface), np.int64)
     return ContinuityRows(matrix, none, np.array(interface, np.int64), none, order, 0, tuple(sorted(without)))

@@ -213,8 +213,8 @@ def biharmonic(
 
 
 def _solve(matrix: csc_array, rhs: FloatArray) -> tuple[FloatArray, float]:
-    upper = upper_triangle(matrix)
-    system = DefiniteSystem(upper.indptr, upper.indices)
+    upper = upper_triangle(csc_array(matrix))
+    system = DefiniteSystem(upper.indptr.astype(np.int64), upper.indices.astype(np.int64))
     return system.solve(upper.data, rhs, np.zeros(len(rhs)))
 
 

@@ -155,8 +155,10 @@ def boundary_fit(space: SplineSpace, sides: list[SideNodes], data: Sequence[Scal
         np.add.at(load, along, product(basis.T, s.ds * values))
     shape = (len(load), len(load))
     all_of = (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns)))
-    upper = upper_triangle(coo_array(all_of, shape=shape))
-    x, _ = DefiniteSystem(upper.indptr, upper.indices).solve(upper.data, load, np.zeros(len(load)))
+    upper = upper_triangle(csc_array(coo_array(all_of, shape=shape)))
+    x, _ = DefiniteSystem(upper.indptr.astype(np.int64), upper.indices.astype(np.int64)).solve(
+        upper.data, load, np.zeros(len(load))
+    )
     out = np.zeros(space.size)
     out[known] = x
     return out

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from ..geometry.patch import Patch
 from ..geometry.sides import around_corner
 from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray, distinct
-from ..numeric.sparse import Sparse
+from ..numeric.compressed import Compressed
 from ..progress import Budget, Progress, reporter
 from ..proof.certificate import Cell, Certificate
 
@@ -67,9 +67,9 @@ class SplineOptimizer:
         Additional nodes.
     excluded_corners : sequence of (patch, corner)
         Patch corners left out of the energy because the map is degenerate there.
-    null_space : (n_interior, m) Sparse, or a sparse array of SciPy's, optional
-        Columns span the displacements of the interior points (``topology.interior_points``) that keep the
-        continuity rows; default all displacements.
+    null_space : Compressed, optional
+        (n_interior, m) by columns, which span the displacements of the interior points
+        (``topology.interior_points``) that keep the continuity rows; default all displacements.
 
     Attributes
     ----------
@@ -85,14 +85,15 @@ class SplineOptimizer:
         nodes_per_degree: int = 2,
         extra_nodes: Sequence[tuple[int, float, float]] = (),
         excluded_corners: Sequence[tuple[int, int]] = (),
-        null_space: Any = None,
+        null_space: Compressed | None = None,
     ) -> None:
         patches = topology.patches if reference is None else reference
         self.step_cost = step_cost(patches, nodes_per_degree, extra_nodes)
         triplets = None
         if null_space is not None:
-            z = Sparse.of(null_space)
-            triplets = (z.T.indices, z.T.rows, z.T.data, z.shape[1])
+            m = null_space.shape[1]
+            columns = np.repeat(np.arange(m), np.diff(null_space.indptr))
+            triplets = (np.asarray(null_space.indices, np.int64), columns, null_space.data, m)
         try:
             self._core = CoreSplineOptimizer(
                 [(*patch.knots, *patch.degrees, patch.control_points, None) for patch in patches],
@@ -107,9 +108,9 @@ class SplineOptimizer:
         except RuntimeError as error:
             raise InputError(f"the source cannot be optimised on: {error}") from None
 
-    def set_basis(self, null_space: Any) -> None:
+    def set_basis(self, null_space: Compressed) -> None:
         """Another null-space basis with entries at the same places; symbolic work is kept."""
-        self._core.set_basis(Sparse.of(null_space).T.data)
+        self._core.set_basis(null_space.data)
 
     def harmonic(self, points: FloatArray) -> FloatArray:
         """Spline harmonic map (Galerkin on the reference) with the boundary points of `points`."""

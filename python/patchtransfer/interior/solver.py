@@ -18,7 +18,7 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.topology import Spoke
 from ..numeric.arrays import FloatArray
-from ..numeric.sparse import Sparse
+from ..numeric.compressed import Compressed
 from ..progress import Budget, Clock, Progress, StopReason, reporter
 from ..proof.certificate import BoundaryReport, Certificate, certify
 from .optimizer import (
@@ -248,8 +248,7 @@ class InteriorSolver:
         self, start: FloatArray, clock: Clock, budget: Budget, boundary: BoundaryReport | None = None
     ) -> InteriorMap:
         """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
-        # It works with SciPy's matrices, which take longer to load than a transfer without them.
-        from ..paper.method import paper_map
+        from ..paper.method import paper_map  # Triangle meshes need SciPy, whose import takes longer than most maps.
 
         topology = self.source.topology
         mapped = paper_map(topology, start, stage=clock, budget=budget)
@@ -260,7 +259,7 @@ class InteriorSolver:
 
         def solve(space: RowSpace, near: FloatArray) -> tuple[FloatArray, Certificate, list[str]]:
             nonlocal mapped
-            mapped = paper_map(topology, space.project(near), space.basis.to_scipy(), stage=clock, budget=budget)
+            mapped = paper_map(topology, space.project(near), space.basis, stage=clock, budget=budget)
             return mapped.points, check(mapped.points), mapped.log
 
         for level in self._levels:
@@ -336,7 +335,7 @@ class InteriorSolver:
         degenerate: Sequence[tuple[int, int]],
         nodes_per_degree: int = 2,
         extra_nodes: Sequence[tuple[int, float, float]] = (),
-        null_space: Sparse | None = None,
+        null_space: Compressed | None = None,
     ) -> SplineOptimizer:
         """Optimizer on the source; symbolic work is kept, one optimizer a thread because it owns its buffers."""
         excluded = sorted(set(degenerate) | set(self._degenerate))

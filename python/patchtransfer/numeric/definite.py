@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array, csc_array
 
 from .._core import SparseCholesky
 from .arrays import FloatArray
-from .sparse import Sparse
 
 __all__ = ["DefiniteFactor", "upper_triangle"]
 
@@ -21,7 +21,7 @@ class DefiniteFactor:
 
     Parameters
     ----------
-    matrix : (n, n) Sparse, or a sparse array of SciPy's
+    matrix : (n, n) sparse array
         In full; the upper triangle counts.
 
     Raises
@@ -31,10 +31,10 @@ class DefiniteFactor:
     """
 
     def __init__(self, matrix: Any) -> None:
-        upper = upper_triangle(matrix)
+        upper = upper_triangle(csc_array(matrix))
         if not (upper.diagonal() > 0).all():
             raise RuntimeError("the matrix is not positive definite: a diagonal entry is not positive")
-        self._factor = SparseCholesky(upper.indptr, upper.indices)
+        self._factor = SparseCholesky(upper.indptr.astype(np.int64), upper.indices.astype(np.int64))
         self._factor.factorize(upper.data)
 
     def solve(self, right: FloatArray) -> FloatArray:
@@ -44,6 +44,10 @@ class DefiniteFactor:
         return np.column_stack([self.solve(column) for column in right.T])
 
 
-def upper_triangle(matrix: Any) -> Sparse:
-    """Upper triangle of a `Sparse` or of SciPy's, by columns (its transpose by rows), without entries that are zero."""
-    return Sparse.of(matrix).upper().T
+def upper_triangle(matrix: csc_array) -> csc_array:
+    """Upper triangle with sorted rows and without entries that are zero."""
+    c = matrix.tocoo()
+    keep = (c.row <= c.col) & ((c.data != 0) | (c.row == c.col))
+    out = csc_array(coo_array((c.data[keep], (c.row[keep], c.col[keep])), shape=matrix.shape))
+    out.sort_indices()
+    return out

@@ -29,7 +29,6 @@ from .reversible_harmonic import reverse_boundary, reversible_harmonic_map
 __all__ = ["PaperHistory", "PaperMap", "frozen_points", "paper_map"]
 
 DEFAULTS = PaperOptions()
-#: Clock around a stage, by its name.
 
 
 @dataclass(frozen=True)

@@ -124,6 +124,7 @@ class TransferResult:
                 "joints": [{"source": a.tolist(), "target": b.tolist()} for a, b in self.registration.joints],
                 "confidence": self.registration.confidence,
                 "landmarks": self.registration.landmarks.tolist(),
+                "missed_corners": [corner.to_dict() for corner in self.registration.missed_corners],
                 "runner_up": self.registration.runner_up and self.registration.runner_up.to_dict(),
             },
             "labels": plain(self.multipatch.sides),

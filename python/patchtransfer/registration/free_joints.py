@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.outline import Outline
+from ..geometry.slivers import drawn_corners
 from ..numeric.arrays import FloatArray, IntArray
 from .corners import CORNER_SNAP, close_turn
 from .sampled_boundary import cyclic_gap, image_of
@@ -37,7 +38,7 @@ def joints_to_corners(
     single : (n_joints,) array of bool
         Whether one patch alone meets the source's joint.
     """
-    at, turn = target.corners
+    at, turn = drawn_corners(target)
     joints = source.joints[:-1]
     if len(at) == 0 or len(joints) < 2:
         return anchors

@@ -1,4 +1,4 @@
-//! Bindings of `patchtransfer_core::numeric`: dense matrices and stacks of them, sparse products and Cholesky, Gauss
+//! Bindings of `patchtransfer_core::numeric`: dense matrices and stacks of them, sparse Cholesky, Gauss
 //! rules, bounded distortion.
 
 use crate::convert::rows;
@@ -10,7 +10,7 @@ use numpy::{
 };
 use patchtransfer_core::numeric::dense::{self, Definite, NoConvergence, Svd};
 use patchtransfer_core::numeric::quadrature;
-use patchtransfer_core::numeric::sparse::{self, Cholesky, CscMatrix};
+use patchtransfer_core::numeric::sparse::Cholesky;
 use patchtransfer_core::numeric::ssvd;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -212,36 +212,6 @@ impl SparseCholesky {
     }
 }
 
-/// A sparse matrix as the caller holds it: where each line begins, places in it, values.
-type SparseLines<'py> = (PyReadonlyArray1<'py, i64>, PyReadonlyArray1<'py, i64>, PyReadonlyArray1<'py, f64>);
-
-/// The same of a result.
-type NewSparseLines<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
-
-/// Rows of a matrix, read as the columns of its transpose.
-fn transposed(lines: &SparseLines<'_>, width: usize) -> PyResult<CscMatrix<f64>> {
-    let (offsets, places, values) = lines;
-    let height = offsets.len().saturating_sub(1);
-    let (offsets, places) = (positions(offsets, places.len() + 1)?, positions(places, width)?);
-    CscMatrix::try_from_csc_data(width, height, offsets, places, values.as_slice()?.to_vec())
-        .map_err(|e| PyValueError::new_err(e.to_string()))
-}
-
-/// Product (m, n) of sparse matrices (m, k) and (k, n) by rows, their columns sorted.
-#[pyfunction]
-fn sparse_product<'py>(
-    py: Python<'py>,
-    a: SparseLines<'py>,
-    b: SparseLines<'py>,
-    columns: usize,
-) -> PyResult<NewSparseLines<'py>> {
-    let inner = b.0.len().saturating_sub(1);
-    let (a, b) = (transposed(&a, inner)?, transposed(&b, columns)?);
-    let (offsets, places, values) = py.detach(|| sparse::product(&b, &a)).disassemble();
-    let wide = |v: Vec<usize>| v.into_iter().map(|i| i as i64).collect::<Vec<_>>().into_pyarray(py);
-    Ok((wide(offsets), wide(places), values.into_pyarray(py)))
-}
-
 /// Nodes and weights of a rule.
 type Rule<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
@@ -289,7 +259,6 @@ fn project_bounded_distortion<'py>(
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<SparseCholesky>()?;
     m.add_function(wrap_pyfunction!(gauss, m)?)?;
-    m.add_function(wrap_pyfunction!(sparse_product, m)?)?;
     m.add_function(wrap_pyfunction!(project_bounded_distortion, m)?)?;
     m.add_function(wrap_pyfunction!(product, m)?)?;
     m.add_function(wrap_pyfunction!(svd, m)?)?;
