@@ -74,7 +74,7 @@ pub(crate) fn solve(
         multiply(direction, product);
         let curvature = dot(direction, product);
         // Not a number, either, is no positive curvature.
-        if !(curvature > 0.0) {
+        if curvature.is_nan() || curvature <= 0.0 {
             return Ended::Indefinite;
         }
         let length = size / curvature;
