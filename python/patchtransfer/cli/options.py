@@ -17,9 +17,14 @@ __all__ = [
     "keep_uncertified_option",
     "outline_options",
     "transfer_options",
+    "verbose_option",
 ]
 
 json_option = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
+
+verbose_option = click.option(
+    "-v", "--verbose", is_flag=True, help="A line on standard error for every stage: its seconds, what it came to."
+)
 
 
 def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -7,9 +7,8 @@ takes and returns plain values.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
-from typing import NamedTuple, Unpack
+from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,6 +36,9 @@ from .source_boundary import SourceBoundary
 from .split_or_whole import better, split_note, vain_note
 from .splitting import Division, SourceSplit, onto_split, strip_cuts, with_near_joints_moved
 from .tasks import TransferTask, in_order
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 __all__ = ["Refilled", "TransferPlan", "transfer"]
 
@@ -76,7 +78,12 @@ def transfer(
         137(2), 2023: uniform fit, harmonic map on a triangulated control net, fold-over removal by bounded
         distortion, distortion descent; its result is certified as well, but nothing forces it to be injective.
     progress : callable, optional
-        Called as ``progress(stage, step, energy, smallest_determinant)``.
+        Called as ``progress(stage, step, energy, smallest_determinant)``: before every Newton step, and with step 0 and
+        NaN for the numbers when a stage begins. Stages are "feasibility", "registration", "fitting", "refinement",
+        "sliding", "optimisation", "continuity rows", "certificate" and "quality", as in the result's ``timings``, and
+        those of the paper's method; Newton steps go by what is tried, as in the result's ``log``: "optimise", "under
+        continuity rows: optimise" and so on. Where the callable has a method ``ended(stage, seconds, found)``, that is
+        called when a stage ends, with its seconds, without those of stages inside, and the figures that matter.
     refine : {"auto", "never", "tolerance"}, default "auto"
         "auto" inserts knots into the source, in whole strips of patches, where its boundary misses the target by
         more than five times `fit_tolerance`, until it is met, and refines the source uniformly once if no certified
@@ -183,7 +190,7 @@ class TransferPlan:
 
     def _run(self, options: TransferOptions, progress: Progress | None = None) -> Run:
         chosen = options_of(options).decided()
-        return Run(chosen, Clock(), Budget.of_source(self._interior.step_cost, chosen.time_limit), progress)
+        return Run(chosen, Clock(progress), Budget.of_source(self._interior.step_cost, chosen.time_limit), progress)
 
     def _registered(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> Registered:
         """The correspondence; of a split source what it was before, with the new joints at corners that lacked one."""
@@ -207,7 +214,9 @@ class TransferPlan:
             notes += refined
         result = plan._attempt(registered, fitted, movable, run)
         if chosen.refines and not result.certificate.injective and not run.budget.expired():
-            plan, registered = plan._refined(span_middles(plan.source.patches), registered)
+            with run.clock("refinement") as stage:
+                plan, registered = plan._refined(span_middles(plan.source.patches), registered)
+                stage.found = f"all spans halved, {plan.source.topology.n_points} control points"
             fitted = plan._boundary.fit(registered.registration, run)
             finer = plan._attempt(registered, fitted, movable, run)
             if finer.certificate.injective:
@@ -422,10 +431,10 @@ class TransferPlan:
         budget = Budget.of_source(self._interior.step_cost)
         report = check_boundary(self._boundary.curves(start), known)
         if report.simple:
-            found = self._interior.certified(start, degenerate, progress, Clock(), budget, report)
+            found = self._interior.certified(start, degenerate, progress, Clock(progress), budget, report)
         else:
             reason = no_proof(report).reason
-            found = self._interior.unproved(start, degenerate, progress, Clock(), budget, reason, report)
+            found = self._interior.unproved(start, degenerate, progress, Clock(progress), budget, reason, report)
         return Refilled(self.source.with_shared_points(found.points), found.certificate, tuple(found.log))
 
     def _refined_to_tolerance(
@@ -436,9 +445,10 @@ class TransferPlan:
         for _ in range(REFINEMENTS):
             if fitted.error <= tolerance or run.budget.expired():
                 break
-            with run.clock("refinement"):
+            with run.clock("refinement") as stage:
                 knots = missed_spans(registered.registration, fitted, plan.source.topology.loops, tolerance)
                 plan, registered = plan._refined(knots, registered)
+                stage.found = f"{len(knots)} boundary spans halved, {plan.source.topology.n_points} control points"
             count += len(knots)
             fitted = plan._boundary.fit(registered.registration, run)
         if plan is self:

@@ -75,7 +75,7 @@ class SourceBoundary:
             # own loops, curves and parameters. Registration itself refuses another number of loops.
             same = len(target.loops) == len(self.loops)
             notes = check_loops(target.loops, "target boundary") if same else []
-        with run.clock("registration"):
+        with run.clock("registration") as stage:
             paper = run.options.method == "paper"
             registration = register(
                 self.outlines,
@@ -92,6 +92,8 @@ class SourceBoundary:
                         'correspondence="runner-up": there is none, landmarks decide or no other one fits; leave it out'
                     )
                 registration = register(self.outlines, target, second.landmarks, single_patch=self.single)
+            joints = sum(len(loop.joints) - 1 for loop in registration.loops)
+            stage.found = f"{joints} joints, confidence {registration.confidence:.2f}"
         with run.clock("feasibility"):
             images = [loop.joints[:-1] for loop in registration.loops]
             check_target_corners(
@@ -111,10 +113,13 @@ class SourceBoundary:
     def fit(self, registration: Registration, run: Run) -> FittedBoundary:
         """The fit, made more freely where it misses the target by far."""
         tolerance = run.options.fit_tolerance
-        with run.clock("fitting"):
+        with run.clock("fitting") as stage:
             if run.options.method == "paper":
-                return fit_boundary(registration, parameters="uniform", tolerance=tolerance)
-            return self.free_fit(registration, tolerance)
+                fitted = fit_boundary(registration, parameters="uniform", tolerance=tolerance)
+            else:
+                fitted = self.free_fit(registration, tolerance)
+            stage.found = f"boundary error {fitted.error:.1e} of the diameter"
+        return fitted
 
     def free_fit(self, registration: Registration, tolerance: float) -> FittedBoundary:
         """The first of the fits that meets the target, else the best that allows an injective map.
@@ -157,8 +162,9 @@ class SourceBoundary:
 
     def pose(self, registered: Registered, fitted: FittedBoundary, run: Run) -> Posed:
         """The problem for the inside that a fit poses."""
-        with run.clock("feasibility"):
+        with run.clock("feasibility") as stage:
             bound, degenerate, report, reason = self.check(fitted)
+            stage.found = reason or f"corners allow a scaled Jacobian of at most {bound:.3f}"
             failure = None if reason is None else no_fit(registered, fitted.error, reason)
             registration, doubt, _ = registered
             points = self.points(fitted)
