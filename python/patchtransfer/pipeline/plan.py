@@ -234,22 +234,28 @@ class TransferPlan:
     def _searched_split(self, registered: Registered, landmarks: ArrayLike | None, run: Run) -> TransferResult:
         """The result with joints at all corners of the target; without, where that does better."""
         near = self._with_near_joints_moved(registered)
-        lacking = lacking_joints(near.registration, run.options.fit_tolerance)
-        if near is registered and not lacking:
-            return self._searched(registered, landmarks, run)
-        plan = self._split([lacking])
-        split = plan._searched(plan._onto_split(near, run) if lacking else near, landmarks, run.part(HALF))
-        if lacking:
+        tries: list[tuple[TransferResult, list[tuple[float, float]]]] = []
+        # Joints that may not be moved to corners near by leave these to cuts.
+        for start in (near,) if near is registered else (near, registered):
+            lacking = lacking_joints(start.registration, run.options.fit_tolerance)
+            if start is registered and not lacking:
+                return self._searched(registered, landmarks, run)
+            plan = self._split([lacking])
+            split = plan._searched(plan._onto_split(start, run) if lacking else start, landmarks, run.part(HALF))
             corners = [corner.point for corner in lacking]
-            split = split.with_warnings([split_note(corners, len(self.source), len(plan.source))])
-        if split.succeeded:
-            return split
+            if corners:
+                split = split.with_warnings([split_note(corners, len(self.source), len(plan.source))])
+            if split.succeeded:
+                return split
+            tries.append((split, corners))
         as_it_is = replace(run, options=replace(run.options, split="never"))
         whole = self._searched(registered, landmarks, as_it_is)
-        if better(split, whole):
-            return split
-        if not lacking:
-            return whole
+        best = tries[0][0]
+        for split, _ in tries[1:]:
+            best = split if better(split, best) else best
+        if better(best, whole):
+            return best
+        split, corners = tries[-1]
         return replace(whole.with_warnings([vain_note(corners, split)]), split_in_vain=True)
 
     def _with_near_joints_moved(self, registered: Registered) -> Registered:
