@@ -20,6 +20,7 @@ def shown() -> dict[str, list[object]]:
     """Values of every public class, by the class's public name."""
     mp = o_grid()
     result = pt.transfer(mp, mp.boundary())
+    frozen = result.freeze()
     morph = pt.morph(mp, mp, 3)
     x = mp.topology.coordinates[mp.topology.boundary_points[0]]
     deformer = pt.Deformer(mp)
@@ -67,6 +68,10 @@ def shown() -> dict[str, list[object]]:
         "Side": list(pt.Side),
         "TransferPlan": [pt.TransferPlan(mp)],
         "TransferResult": [result, result.registration, result.rows],
+        "Frozen": [frozen],
+        "Filled": [frozen.fill(frozen.boundary)],
+        "InnerProduct": [frozen.inner_product],
+        "OutlineMap": [frozen.outline(mp.boundary())],
     }
 
 

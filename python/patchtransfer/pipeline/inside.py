@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..fitting.fit import FittedBoundary
 from ..geometry.multipatch import MultiPatch
+from ..gradients.frozen import freeze
 from ..interior.solver import InteriorMap, InteriorSolver
 from ..measure.quality import quality
 from ..proof.certificate import check_boundary
@@ -96,6 +98,7 @@ def measure(
         multipatch = interior.model(found.points)
         metrics = quality(multipatch, exclude=posed.degenerate)
     warnings += _functions_of_the_source(interior.source, multipatch)
+    space = None if found.rows is None else found.rows.space
     return TransferResult(
         multipatch=multipatch,
         certificate=found.certificate,
@@ -114,6 +117,7 @@ def measure(
         paper_history=found.history,
         sliding=sliding,
         stopped=stopped,
+        _freeze=partial(freeze, interior, space, posed.degenerate, found.points),
     )
 
 

@@ -21,7 +21,8 @@ from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.straight_corners import corner_triangles, straighten
-from ..interior.solver import InteriorSolver
+from ..gradients.frozen import Frozen, freeze
+from ..interior.solver import InteriorMap, InteriorSolver
 from ..progress import Budget, Clock, Progress
 from ..proof.certificate import Certificate, check_boundary
 from ..proof.feasibility import check_corners, check_report
@@ -29,7 +30,7 @@ from .accepted import accepted
 from .inside import measure, slide, solve
 from .options import Run, SearchOptions, TransferOptions, options_of
 from .posed import Registered, no_proof
-from .result import TransferResult, failure_of
+from .result import NotCertifiedError, TransferResult, failure_of
 from .sliding import movable_joints
 from .source_boundary import SourceBoundary
 from .tasks import TransferTask, in_order
@@ -244,10 +245,63 @@ class TransferPlan:
         InfeasibleTargetError
             When the boundary crosses itself, or a single patch would have to fill more than 180 degrees.
         """
+        found, _ = self._fill(points, progress, "refill")
+        return Refilled(self.source.with_shared_points(found.points), found.certificate, tuple(found.log))
+
+    def freeze(self, points: ArrayLike | None = None, progress: Progress | None = None) -> Frozen:
+        """The map on a boundary as a smooth function of that boundary, with derivatives.
+
+        Continuity rows, released ends, excluded corners and the energy's nodes are those of `refill`'s map. See
+        ``docs/gradients.md``.
+
+        Parameters
+        ----------
+        points : (n_points, 2) array, optional
+            As in `refill`; default the source's own.
+        progress : callable, optional
+            As in `transfer`.
+
+        Returns
+        -------
+        Frozen
+
+        Raises
+        ------
+        InputError, InfeasibleTargetError
+            As `refill`.
+        NotCertifiedError
+            When no certified map is found.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from patchtransfer import TransferPlan, examples
+        >>> source, _, _ = examples.load("star")
+        >>> frozen = TransferPlan(source).freeze()
+        >>> filled = frozen.fill(1.01 * frozen.boundary)
+        >>> filled.certificate.status
+        'certified'
+        >>> filled.jvp(frozen.boundary).shape == filled.points.shape
+        True
+        """
+        found, degenerate = self._fill(
+            self.source.topology.coordinates if points is None else points, progress, "freeze"
+        )
+        if not found.certificate.injective:
+            raise NotCertifiedError(
+                f"freeze: no certified map was found on this boundary ({found.certificate.status}): "
+                f"{'; '.join(found.certificate.reasons[:3])}; freeze a boundary nearer to the source's"
+            )
+        return freeze(self._interior, None if found.rows is None else found.rows.space, degenerate, found.points)
+
+    def _fill(
+        self, points: ArrayLike, progress: Progress | None, what: str
+    ) -> tuple[InteriorMap, tuple[tuple[int, int], ...]]:
+        """The inside for a boundary on the source's own sides, and its degenerate corners."""
         start = np.asarray(points, float)
         topology = self.source.topology
         if start.shape != (topology.n_points, 2) or not np.isfinite(start).all():
-            raise InputError(f"refill: expected finite points of shape {(topology.n_points, 2)}, got {start.shape}")
+            raise InputError(f"{what}: expected finite points of shape {(topology.n_points, 2)}, got {start.shape}")
         curves = self._boundary.curves(start)
         known = check_boundary(curves)
         check_report(known, "boundary")
@@ -260,7 +314,7 @@ class TransferPlan:
         else:
             reason = no_proof(report).reason
             found = self._interior.unproved(start, degenerate, progress, Clock(), budget, reason, report)
-        return Refilled(self.source.with_shared_points(found.points), found.certificate, tuple(found.log))
+        return found, degenerate
 
     def _refined_to_tolerance(
         self, registered: Registered, fitted: FittedBoundary, run: Run
