@@ -27,6 +27,7 @@ def shown() -> dict[str, list[object]]:
     smooth = grid(2, 1, 3, 2, None).reduce_continuity(1)
     solver = iga.PoissonSolver(mp)
     solved = iga.poisson(mp, f=lambda x, y: 0 * x, exact=lambda x, y: x * y, gradient=lambda x, y: (y, x))
+    held = mp.with_labels({"a": mp.boundaries[:1]})
     space = iga.SplineSpace(smooth)
     plate = iga.biharmonic(smooth, gluing="nearest")
     rounds = pt.Boundary([[circle()]])
@@ -51,6 +52,7 @@ def shown() -> dict[str, list[object]]:
         "DeformResult": [deformer.deform([[*x, *x]])],
         "iga.BiharmonicResult": [plate],
         "iga.C1Space": [iga.C1Space(space, smooth, gluing="nearest")],
+        "iga.ElasticityResult": [iga.elasticity(held, {"a": (0.0, 0.0)})],
         "iga.ErrorNorms": [solved.errors],
         "iga.Field": [solved.field],
         "iga.LinearSystem": [solver.system(mp)],

@@ -99,10 +99,7 @@ class Frozen:
         InfeasibleTargetError
             When the boundary encloses no area, or no map without folds was found and the boundary rules one out.
         """
-        given = np.asarray(boundary_points, float)
-        if given.shape != (len(self.boundary_points), 2) or not np.isfinite(given).all():
-            expected = (len(self.boundary_points), 2)
-            raise InputError(f"fill: expected finite boundary points of shape {expected}, got {given.shape}")
+        given = self._given(boundary_points, "fill")
         boundary = given - self._centre
         area = self._problem.area(boundary)
         if not area > 0:
@@ -129,6 +126,11 @@ class Frozen:
             self._problem.keep_for(filled)
         return filled
 
+    def area(self, boundary_points: ArrayLike) -> tuple[float, FloatArray]:
+        """The area inside a boundary, exactly, and its derivative (n_b, 2) by the boundary points."""
+        boundary = self._given(boundary_points, "area") - self._centre
+        return self._problem.area(boundary), self._problem.area.gradient(boundary)
+
     def outline(self, target: Boundary) -> OutlineMap:
         """How the boundary follows the control points of the curves that it was fitted to.
 
@@ -152,6 +154,13 @@ class Frozen:
     def inner_product(self) -> InnerProduct:
         """The H¹ inner product of motions of the frozen boundary, for smooth steps."""
         return InnerProduct(self.source.topology, self.points, self._problem.area(self.boundary - self._centre))
+
+    def _given(self, boundary_points: ArrayLike, what: str) -> FloatArray:
+        given = np.asarray(boundary_points, float)
+        if given.shape != (len(self.boundary_points), 2) or not np.isfinite(given).all():
+            expected = (len(self.boundary_points), 2)
+            raise InputError(f"{what}: expected finite boundary points of shape {expected}, got {given.shape}")
+        return given
 
     def _starts(
         self, optimizer: SplineOptimizer, boundary: FloatArray, near: Filled | None

@@ -334,7 +334,7 @@ class PoissonSolver:
 
 
 def dirichlet_data(
-    mp: MultiPatch, g: ScalarFunction | Mapping[str, ScalarFunction | float]
+    mp: MultiPatch, g: ScalarFunction | Mapping[str, ScalarFunction | float], what: str = "Dirichlet data"
 ) -> dict[tuple[int, Side], ScalarFunction]:
     """The boundary values of every side that has some.
 
@@ -350,16 +350,16 @@ def dirichlet_data(
     for label, value in g.items():
         if label not in mp.sides:
             known = ", ".join(map(repr, mp.sides)) or "none"
-            raise InputError(f"Dirichlet data: the model has no label {label!r}; its labels are {known}")
+            raise InputError(f"{what}: the model has no label {label!r}; its labels are {known}")
         for k, side in mp.sides[label]:
-            name = f"Dirichlet data: patch {k} {side.name.lower()} of label {label!r}"
+            name = f"{what}: patch {k} {side.name.lower()} of label {label!r}"
             if (k, side) not in boundary:
                 raise InputError(f"{name} is glued to another patch; name sides of the boundary")
             if (k, side) in data:
                 raise InputError(f"{name} has values by label {owner[k, side]!r} already; give it one")
             data[k, side], owner[k, side] = _function(value), label
     if not data:
-        raise InputError("Dirichlet data: no side has values, and the solution is not unique; name a label with sides")
+        raise InputError(f"{what}: no side has values, and the solution is not unique; name a label with sides")
     return data
 
 

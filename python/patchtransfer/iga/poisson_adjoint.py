@@ -22,7 +22,7 @@ from .nodes import GeometryAt, ScalarFunction, SideNodes, sampled
 from .shape import Sensitivity, slope_of
 from .space import SplineSpace
 
-__all__ = ["PoissonAdjoint"]
+__all__ = ["PoissonAdjoint", "add_boundary_values", "isotropic"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class PoissonAdjoint:
             u = at.nodes.value(self._patch(self.u, at))
             total += float((at.dx * values * u).sum())
             by_u.append(at.nodes.tested(at.dx * values))
-            out.add(at, _isotropic(values * u), slope(at.x, "weight", place) * u)
+            out.add(at, isotropic(values * u), slope(at.x, "weight", place) * u)
         self._add_solution(out, self.space.gather(by_u))
         return total, out.gradient
 
@@ -102,38 +102,48 @@ class PoissonAdjoint:
             place = f"patch {at.index}"
             c = self._patch(adjoint, at)
             value, load = at.nodes.value(c), sampled(self.f, at.x, "right-hand side", place)
-            stress = _isotropic(load * value) - _stress(at.gradient(self._patch(self.u, at)), at.gradient(c))
+            stress = isotropic(load * value) - _stress(at.gradient(self._patch(self.u, at)), at.gradient(c))
             out.add(at, stress, slope(at.x, "right-hand side", place) * value)
-        self._add_boundary_values(out, w - self._matrix @ adjoint)
-
-    def _add_boundary_values(self, out: Sensitivity, w: FloatArray) -> None:
-        """Of the fitted boundary values: ∫ μ ((g - u) d(ds) + dg ds), where μ solves the fit's system for `w`."""
-        numbers = [side.side.of(self.space.points[side.patch]) for side in self.sides]
-        known = np.unique(np.concatenate(numbers))
-        bases = [side.nodes.field[side.side.axis][0] for side in self.sides]
-        rows, columns, entries = [], [], []
-        for side, basis, number in zip(self.sides, bases, numbers, strict=True):
-            i, j = np.meshgrid(*[np.searchsorted(known, number)] * 2, indexing="ij")
-            rows.append(i.ravel())
-            columns.append(j.ravel())
-            entries.append(product(basis.T, side.ds[:, None] * basis).ravel())
-        mass = csc_array(
-            (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))), shape=(len(known),) * 2
-        )
-        weight = np.zeros(len(w))
-        weight[known] = DefiniteFactor(mass).solve(w[known])
-        for side, basis, number, g in zip(self.sides, bases, numbers, self.data, strict=True):
-            mu, missed = product(basis, weight[number]), sampled(g, side.x, "Dirichlet data", side.name)
-            missed = missed - product(basis, self.u[number])
-            slope = slope_of(g, self.mp.diameter)(side.x, "Dirichlet data", side.name)
-            out.add_side(side, mu * missed * side.tangent, mu * slope)
+        left = w - self._matrix @ adjoint
+        add_boundary_values(out, self.space, self.sides, self.data, self.u, left, self.mp)
 
 
-def _isotropic(values: FloatArray) -> FloatArray:
+def add_boundary_values(
+    out: Sensitivity,
+    space: SplineSpace,
+    sides: list[SideNodes],
+    data: list[ScalarFunction],
+    u: FloatArray,
+    w: FloatArray,
+    mp: MultiPatch,
+) -> None:
+    """Of the fitted boundary values u along `w` (n,): ∫ μ ((g - u) d(ds) + dg ds), where μ solves the fit's system."""
+    numbers = [side.side.of(space.points[side.patch]) for side in sides]
+    known = np.unique(np.concatenate(numbers))
+    bases = [side.nodes.field[side.side.axis][0] for side in sides]
+    rows, columns, entries = [], [], []
+    for side, basis, number in zip(sides, bases, numbers, strict=True):
+        i, j = np.meshgrid(*[np.searchsorted(known, number)] * 2, indexing="ij")
+        rows.append(i.ravel())
+        columns.append(j.ravel())
+        entries.append(product(basis.T, side.ds[:, None] * basis).ravel())
+    shape = (len(known), len(known))
+    mass = csc_array((np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+    weight = np.zeros(len(w))
+    weight[known] = DefiniteFactor(mass).solve(w[known])
+    for side, basis, number, g in zip(sides, bases, numbers, data, strict=True):
+        mu, missed = product(basis, weight[number]), sampled(g, side.x, "Dirichlet data", side.name)
+        missed = missed - product(basis, u[number])
+        slope = slope_of(g, mp.diameter)(side.x, "Dirichlet data", side.name)
+        out.add_side(side, mu * missed * side.tangent, mu * slope)
+
+
+def isotropic(values: FloatArray) -> FloatArray:
+    """Multiples of the identity, (2, 2, ...)."""
     return np.multiply.outer(np.eye(2), values)
 
 
 def _stress(a: FloatArray, b: FloatArray) -> FloatArray:
     """S of ∫ a·b dx for two gradients (2, m_u, m_v): (a·b) I - a bᵀ - b aᵀ."""
     both = np.einsum("iuv,juv->ijuv", a, b)
-    return np.asarray(_isotropic((a * b).sum(axis=0)) - both - both.swapaxes(0, 1))
+    return np.asarray(isotropic((a * b).sum(axis=0)) - both - both.swapaxes(0, 1))
