@@ -1,8 +1,8 @@
 """What a derivative costs: ``python gradients.py [MODEL]``.
 
 For the bundled wrench and rabbit: a point with the gradient of a function of all control points (`Frozen.fill`, then
-`Filled.vjp`), against `TransferPlan.refill` on the same boundary, C0 and C1; medians of interleaved runs in CPU time. For
-a model refined to some 1e5 unknown points: the seconds of a `vjp` alone, once factorized.
+`Filled.vjp`), against `TransferPlan.refill` on the same boundary, C0 and C1; medians of interleaved runs in CPU time.
+For a model refined to some 1e5 unknown points: the seconds of a `vjp` alone, once factorized.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def large(model: pt.MultiPatch) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("model", nargs="?", help="model for the large case; default yeti or the wrench")
-    model = model_of(parser.parse_args().model)
+    model = model_of(parser.parse_args().model, 0)
     for name in ("wrench", "rabbit"):
         for continuity in ("c0", "c1"):
             compare(name, continuity)

@@ -45,7 +45,8 @@ def compliance(q):
 start, inside = np.zeros(11), frozen.area(frozen.boundary)[0]
 same = {"type": "eq", "fun": lambda q: frozen.area(frozen.boundary + np.tensordot(q, motions, 1))[0] - inside}
 found = minimize(compliance, start, jac=True, constraints=same, bounds=[(-0.7, 1.5)] * 11)
-assert abs((ratio := (1 + found.x[0]) / (1 + found.x[-1])) - 2) < 0.01
+ratio = (1 + found.x[0]) / (1 + found.x[-1])
+assert abs(ratio - 2) < 0.01
 
 figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
 for ax, q, title in zip(axes, (start, found.x), ("before", f"axes {ratio:.3f} : 1"), strict=False):
