@@ -12,6 +12,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 import targets
+from models import bilinear, build
 from patchtransfer import Boundary, MultiPatch, examples, read
 
 #: One limb of a model: point of the neck, direction, length of the transition, points that can belong to it.
@@ -37,10 +38,16 @@ class Case:
 
 
 def models() -> dict[str, MultiPatch]:
-    """Our examples, and the models of PATCHTRANSFER_MODELS if it is set."""
+    """Our examples, a grid of squares, and the models of PATCHTRANSFER_MODELS if it is set."""
     folder = os.environ.get("PATCHTRANSFER_MODELS")
     found = {path.stem: read(path) for path in sorted(Path(folder).glob("*.xml"))} if folder else {}
-    return found | {name: examples.load(name)[0] for name in examples.EXAMPLES}
+    return found | {name: examples.load(name)[0] for name in examples.EXAMPLES} | {"squares": squares(3)}
+
+
+def squares(n: int) -> MultiPatch:
+    """A grid of n x n squares, whose sides have no features."""
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    return build([bilinear(*(corners + np.array((i, j)))) for j in range(n) for i in range(n)], 2, 2, None)
 
 
 def deformations(name: str, mp: MultiPatch, seed: int) -> Iterator[tuple[str, str, targets.Deformation]]:
@@ -66,6 +73,11 @@ def deformations(name: str, mp: MultiPatch, seed: int) -> Iterator[tuple[str, st
             yield "bump", f"{size:.0%}", targets.bump(mp, rng.uniform(0, 1, 2), push, 0.3 * unit / 1.5)
     for size in (0.05, 0.1):
         yield "waves", f"{size:.0%}", targets.waves(mp, size, int(rng.integers(1000)))
+    for degrees in (40, -40):
+        yield "swirl", f"{degrees}°", targets.swirl(mp, rng.uniform(0.3, 0.7, 2), degrees, rng.uniform(0.3, 0.6))
+    for _ in range(2):
+        factor, angle = rng.uniform(1.1, 1.4), rng.uniform(0, 180)
+        yield "stretch", f"{factor:.2f} at {angle:.0f}°", targets.stretch(factor, angle)
 
 
 def _folds(mp: MultiPatch, f: targets.Deformation) -> bool:

@@ -238,6 +238,35 @@ def layout_t_mesh(
     tuple[IntArray, IntArray],
 ]: ...
 
+# continuity
+
+CompressedTuple = tuple[IntArray, IntArray, FloatArray, tuple[int, int]]
+
+class CircularRowsError(ValueError): ...
+
+class RowSpace:
+    def __init__(
+        self,
+        matrix: CompressedTuple,
+        slave: IntArray,
+        interface: IntArray,
+        order: IntArray,
+        interior: IntArray,
+        points: FloatArray,
+    ) -> None: ...
+    def basis(self) -> CompressedTuple: ...
+    def particular(self) -> CompressedTuple: ...
+    @property
+    def dropped(self) -> IntArray: ...
+    @property
+    def redundant(self) -> int: ...
+    def project(self, points: FloatArray) -> FloatArray: ...
+    def residual(self, points: FloatArray) -> float: ...
+
+def nearest_on_rows(
+    matrix: CompressedTuple, chosen: IntArray, interior: IntArray, points: FloatArray
+) -> FloatArray: ...
+
 # optimizer
 
 class SplineOptimizer:

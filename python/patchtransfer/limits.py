@@ -7,10 +7,14 @@ with 1.6 GB.
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from ._core import MAX_DEGREE
 from .errors import InputError
 
 __all__ = [
+    "LARGEST",
     "MAX_ALONG",
     "MAX_BOUNDARY_POINTS",
     "MAX_CONTROL_POINTS",
@@ -21,6 +25,7 @@ __all__ = [
     "MAX_FILE_BYTES",
     "MAX_FRAME_POINTS",
     "MAX_JSON_LISTS",
+    "MAX_KNOT_RATIO",
     "MAX_LANDMARKS",
     "MAX_LAYOUT_BYTES",
     "MAX_LAYOUT_DEGREE",
@@ -32,8 +37,23 @@ __all__ = [
     "MAX_PIXELS",
     "MAX_QUADS",
     "MAX_TAGS",
+    "MAX_WEIGHT_RATIO",
+    "TOO_LARGE",
     "at_most",
+    "first_unusable",
 ]
+
+#: Largest coordinate, knot or weight that is read: squares do not overflow.
+LARGEST = 1e150
+#: ... as messages write it.
+TOO_LARGE = "above 1e150"
+#: Largest weight of a patch or curve in units of its smallest. Those of arcs differ by 2 or 3; next to one that is the
+#: inverse of the unit roundoff, 2^53 = 9e15, times as heavy a control point is lost in rounding.
+MAX_WEIGHT_RATIO = 1e16
+#: Length of a domain in units of its shortest knot span. In models it is some hundreds, and 1.8e16 where two knots are
+#: neighbouring numbers. With the ratio of weights it bounds derivatives in units of the domain and of the control
+#: points: first ones by 1e48, second ones by 1e96, so that their squares and products do not overflow.
+MAX_KNOT_RATIO = 1e30
 
 #: Bytes of a file: a million control points in full digits have 45 million.
 MAX_FILE_BYTES = 64 * 2**20
@@ -76,6 +96,13 @@ MAX_QUADS = 1_000
 MAX_LAYOUT_POINTS = 50_000
 #: Control points of all frames of the command that morphs: they are kept until all are certified.
 MAX_FRAME_POINTS = 10_000_000
+
+
+def first_unusable(values: ArrayLike) -> int | None:
+    """Where the first number is, in the flat array, that is NaN or above `LARGEST` in size; None if all are good."""
+    with np.errstate(invalid="ignore"):
+        good = np.abs(np.asarray(values)) <= LARGEST
+    return None if good.all() else int(np.argmin(good))
 
 
 def at_most(count: int, limit: int, what: str, remedy: str) -> None:

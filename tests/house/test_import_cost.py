@@ -45,3 +45,20 @@ pt.quality(mp), pt.check_continuity(mp)
 def test_a_transfer_loads_none_of_the_slow_libraries():
     names = loaded_after("import patchtransfer as pt; pt.transfer, pt.TransferPlan, pt.write")
     assert names.isdisjoint(HEAVY)
+
+
+@pytest.mark.parametrize("continuity", ["c0", "c1", "g1"])
+def test_a_transfer_with_landmarks_needs_no_scipy(continuity):
+    code = f"""
+import pathlib
+import patchtransfer as pt
+folder = pathlib.Path(pt.__file__).parent / "examples/wrench"
+source, target = pt.read(folder / "source.xml"), pt.read_boundary(folder / "target.svg")
+landmarks = pt.read_landmarks(folder / "landmarks.csv")
+if {continuity!r} == "g1":
+    source = source.elevate(3 - min(min(p.degrees) for p in source.patches)).split_spans(2).reduce_continuity(1)
+result = pt.TransferPlan(source, {continuity!r}).transfer(target, landmarks, on_failure="return")
+assert result.certificate.injective
+assert result.rows is None if {continuity!r} == "c0" else result.rows.active > 0
+"""
+    assert loaded_after(code).isdisjoint({"scipy", "matplotlib"})

@@ -97,8 +97,16 @@ def summary(content: dict[str, Any], output: str | None) -> None:
         table.add_row("labels", "; ".join(_label(*item) for item in content["labels"].items()))
     if "patches" in content:
         table.add_row("patches", str(content["patches"]))
+    if content.get("split") is not None:
+        corners, origin = content["split"]["corners"], content["split"]["origin"]
+        before = len({piece["patch"] for piece in origin})
+        table.add_row("split", f"{before} -> {len(origin)} patches, for {len(corners)} corners of the target")
     if "boundary_error" in content:
         table.add_row("boundary error", f"{content['boundary_error']:.2e} of the diameter")
+        missed = content.get("registration", {}).get("missed_corners")
+        if missed:
+            worst = max(corner["cost"] for corner in missed)
+            table.add_row("  corners inside sides", f"{len(missed)}, rounded off by about {worst:.1e} at most")
         times = content["timings"]
         table.add_row("time", f"{1e3 * sum(times.values()):.1f} ms")
         for stage, seconds in times.items():

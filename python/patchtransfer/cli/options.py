@@ -88,6 +88,14 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
                 help="auto: insert knots into the source where it misses the target by 5 times the fit tolerance; "
                 "refine it if no certified map is found. tolerance: wherever it misses by more than the tolerance.",
             ),
+            click.option(
+                "--split",
+                type=click.Choice(CHOICES["split"]),
+                default=Options.split,
+                show_default=True,
+                help="auto: split the source's patches, in whole strips, where the target has corners that no joint "
+                "of the source takes.",
+            ),
             fit_tolerance_option,
             click.option(
                 "--fixed-correspondence/--sliding-joints",

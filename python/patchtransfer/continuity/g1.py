@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from ..errors import InputError
 from ..geometry.multipatch import MultiPatch
 from ..geometry.topology import Spoke, Topology
 from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.compressed import Compressed
 from ..numeric.dense import least_squares, product, svd
 from .conditions import conditions, evaluated
 from .interfaces import ControlRows
@@ -314,10 +314,8 @@ def g1_rows(
         entries += list(vt[:rank])
         interface += [index] * rank
     pointer = np.concatenate([[0], np.cumsum([len(c) for c in columns])]).astype(np.int64)
-    shape = (len(interface), topology.n_points)
-    matrix = csr_array(
-        (np.concatenate([[], *entries]), np.concatenate([[], *columns]).astype(np.int64), pointer), shape=shape
-    )
+    indices = np.concatenate([[], *columns]).astype(np.int64)
+    matrix = Compressed(pointer, indices, np.concatenate([[], *entries]), (len(interface), topology.n_points))
     none = np.full(len(interface), -1)
     order = np.zeros(len(interface), np.int64)
     return ContinuityRows(matrix, none, np.array(interface, np.int64), none, order, 0, tuple(sorted(without)))

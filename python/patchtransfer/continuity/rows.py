@@ -8,15 +8,19 @@ vertex rows at extraordinary vertices (Eq. 11–12, for any gluing data and knot
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from ..geometry.topology import Spoke, Topology, Vertex
 from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.compressed import Compressed, selected, summed
 from .interfaces import ControlRows, chord_ratios, frames
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 __all__ = ["C1Rows", "ContinuityRows"]
 
@@ -27,8 +31,9 @@ class ContinuityRows:
 
     Attributes
     ----------
-    matrix : (m, n_points) sparse array
-        Scaled so that residuals are lengths: C1 rows by their factor of s_j, others to unit norm.
+    entries : Compressed
+        B as arrays, (m, n_points) by rows, scaled so that residuals are lengths: C1 rows by their factor of s_j,
+        others to unit norm.
     slave : (m,) int array
         The control point s_j that a C1 row expresses as a mean of L_j and R_j; -1 for other rows.
     interface : (m,) int array
@@ -47,7 +52,7 @@ class ContinuityRows:
         second point s_2 of the interface lies on the boundary.
     """
 
-    matrix: csr_array
+    entries: Compressed
     slave: IntArray
     interface: IntArray
     vertex: IntArray
@@ -59,14 +64,23 @@ class ContinuityRows:
     def __len__(self) -> int:
         return len(self.slave)
 
+    @cached_property
+    def matrix(self) -> csr_array:
+        """B as a sparse array of SciPy's, which shares its entries."""
+        from scipy.sparse import csr_array
+
+        b = self.entries
+        return csr_array((b.data, b.indices, b.indptr), shape=b.shape)
+
     def select(self, keep: IntArray) -> ContinuityRows:
         """Only the rows with the indices `keep`."""
-        return ContinuityRows(
-            csr_array(self.matrix[keep]),
-            *(self.slave[keep], self.interface[keep], self.vertex[keep], self.order[keep]),
-            self.left_out,
-            self.without,
-            self.blocked,
+        return replace(
+            self,
+            entries=selected(self.entries, keep),
+            slave=self.slave[keep],
+            interface=self.interface[keep],
+            vertex=self.vertex[keep],
+            order=self.order[keep],
         )
 
 
@@ -130,20 +144,16 @@ class C1Rows:
         interface, columns = self._interface[keep], self._columns[keep]
         data = np.column_stack([weights[interface], -np.ones(len(interface))])
         of_vertices = self._vertex_rows.of(ratios, reference, rowless)
-        width = [columns.shape[1]] * len(columns) + [of_vertices.columns.shape[1]] * len(of_vertices.columns)
-        matrix = csr_array(
-            (
-                np.concatenate([data.ravel(), of_vertices.data.ravel()]),
-                np.concatenate([columns.ravel(), of_vertices.columns.ravel()]),
-                np.concatenate([[0], np.cumsum(width)]).astype(np.int64),
-            ),
-            shape=(len(width), self._topology.n_points),
+        m, at_vertices = len(columns), len(of_vertices.columns)
+        entries = summed(
+            np.concatenate([np.repeat(np.arange(m), 3), np.repeat(m + np.arange(at_vertices), 7)]),
+            np.concatenate([columns.ravel(), of_vertices.columns.ravel()]),
+            np.concatenate([data.ravel(), of_vertices.data.ravel()]),
+            (m + at_vertices, self._topology.n_points),
         )
-        matrix.sum_duplicates()
-        matrix.eliminate_zeros()
         none = np.full(len(interface), -1)
         return ContinuityRows(
-            matrix,
+            entries,
             slave=np.concatenate([columns[:, 2], np.full(len(of_vertices.vertex), -1)]),
             interface=np.concatenate([interface, of_vertices.interface]),
             vertex=np.concatenate([none, of_vertices.vertex]),

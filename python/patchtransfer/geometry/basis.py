@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from .._core import evaluate_spline
 from ..errors import InputError
-from ..numeric import dense
-from ..numeric.arrays import FloatArray, frozen_array
+from ..limits import LARGEST, MAX_KNOT_RATIO, MAX_WEIGHT_RATIO
+from ..numeric.arrays import FloatArray, IntArray, frozen_array
 
 __all__ = [
     "check_inside",
@@ -25,6 +25,7 @@ __all__ = [
     "elevate",
     "end_rate",
     "greville",
+    "in_range",
     "insert_knots",
     "knot_spans",
     "reverse_knots",
@@ -48,8 +49,10 @@ def check_knots(knots: FloatArray, degree: int, count: int, what: str) -> None:
         )
     if count < degree + 1:
         raise InputError(f"{what}: degree {degree} needs at least {degree + 1} control points, got {count}")
-    if (np.diff(knots) < 0).any():
-        raise InputError(f"{what}: knot vector decreases at knot {int(np.argmax(np.diff(knots) < 0)) + 1}")
+    with np.errstate(over="ignore"):
+        steps = np.diff(knots)
+    if (steps < 0).any():
+        raise InputError(f"{what}: knot vector decreases at knot {int(np.argmax(steps < 0)) + 1}")
     if knots[degree] != knots[0] or knots[-degree - 1] != knots[-1]:
         raise InputError(f"{what}: knot vector is not clamped (end knots must be repeated {degree + 1} times)")
     if knots[0] == knots[-1]:
@@ -57,6 +60,14 @@ def check_knots(knots: FloatArray, degree: int, count: int, what: str) -> None:
     inner = knots[1:-1]
     if (inner[degree:] == inner[:-degree]).any():
         raise InputError(f"{what}: an interior knot has a multiplicity above the degree {degree} (a jump)")
+    shortest = int(np.argmin(np.where(steps > 0, steps, np.inf)))
+    # Of Python's floats, for a domain may be longer than all numbers.
+    if not float(knots[-1]) - float(knots[0]) <= MAX_KNOT_RATIO * float(steps[shortest]):
+        a, b = float(knots[shortest]), float(knots[shortest + 1])
+        raise InputError(
+            f"{what}: the knots {a!r} and {b!r} are nearer than {1 / MAX_KNOT_RATIO:g} of the domain's length; "
+            "make them equal"
+        )
 
 
 def check_weights(weights: ArrayLike | None, shape: tuple[int, ...], what: str) -> FloatArray | None:
@@ -68,7 +79,18 @@ def check_weights(weights: ArrayLike | None, shape: tuple[int, ...], what: str) 
         raise InputError(f"{what}: weights have shape {array.shape}, the control points {shape}")
     if (array <= 0).any():
         raise InputError(f"{what}: weight {array.min():g} is not positive")
+    if not in_range(array):
+        raise InputError(
+            f"{what}: weights from {array.min():g} to {array.max():g}; they may differ by a factor of "
+            f"{MAX_WEIGHT_RATIO:g}, and be from {1 / LARGEST:g} to {LARGEST:g}: correct or scale them"
+        )
     return array
+
+
+def in_range(weights: FloatArray) -> bool:
+    """Whether positive weights are within `LARGEST` of one and `MAX_WEIGHT_RATIO` of each other."""
+    least, largest = float(weights.min()), float(weights.max())
+    return 1 / LARGEST <= least <= largest <= min(LARGEST, least * MAX_WEIGHT_RATIO)
 
 
 def weights_agree(weights: FloatArray) -> bool:
@@ -216,14 +238,48 @@ def elevate(
 ) -> tuple[FloatArray, int, FloatArray]:
     """Raise the degree without changing the spline: every knot gains `by` in multiplicity.
 
-    Done by interpolation in the elevated space at its Greville abscissae, which is exact up to rounding.
+    All coefficients are means of given ones, so that knots may be near and weights differ by magnitudes.
     """
+    for _ in range(by):
+        knots, first, parts = _raising(np.ascontiguousarray(knots).tobytes(), degree)
+        taken = coefficients[first[:, None] + np.arange(parts.shape[1])]
+        raised = (parts.reshape(*parts.shape, *[1] * (coefficients.ndim - 1)) * taken).sum(axis=1)
+        # Sums of parts of one may round beyond it.
+        coefficients = np.clip(raised, coefficients.min(axis=0), coefficients.max(axis=0))
+        degree += 1
+    return knots, degree, coefficients
+
+
+@lru_cache(maxsize=256)
+def _raising(knot_bytes: bytes, degree: int) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Knots of one degree more, and what each coefficient is the mean of: the first (n,) and their parts (n, width).
+
+    The polar form of the higher degree is the mean of the lower one's over all ways to leave out an argument (Ramshaw,
+    Blossoms are polar forms, 1989, section 9), and a coefficient is its value at the knots inside its support.
+    """
+    knots = np.frombuffer(knot_bytes)
     breaks, multiplicity = np.unique(knots, return_counts=True)
-    fine, degree_up = np.repeat(breaks, multiplicity + by), degree + by
-    # A mean of equal end knots may round out of the domain.
-    at = np.clip(greville(fine, degree_up), knots[0], knots[-1])
-    flat = coefficients.reshape(len(coefficients), -1)
-    values = dense.product(collocation_matrix(knots, degree, at), flat)
-    raised = dense.solve(collocation_matrix(fine, degree_up, at), values)
-    raised[0], raised[-1] = flat[0], flat[-1]
-    return fine, degree_up, np.asarray(raised.reshape(-1, *coefficients.shape[1:]), dtype=np.float64)
+    fine = np.repeat(breaks, multiplicity + 1)
+    rows = np.zeros((len(fine) - degree - 2, len(knots) - degree - 1))
+    for i in range(len(rows)):
+        at = fine[i + 1 : i + degree + 2]
+        first = np.flatnonzero(np.append(True, at[1:] > at[:-1]))
+        for k, count in zip(first, np.diff(np.append(first, len(at))), strict=True):
+            start, parts = _polar_form(knots, degree, np.delete(at, k))
+            rows[i, start : start + len(parts)] += count / (degree + 1) * parts
+    begin = np.minimum((rows != 0).argmax(axis=1), rows.shape[1] - degree - 1)
+    return fine, begin, np.take_along_axis(rows, begin[:, None] + np.arange(degree + 1), axis=1)
+
+
+def _polar_form(knots: FloatArray, degree: int, at: FloatArray) -> tuple[int, FloatArray]:
+    """Polar form of a spline at `degree` successive knots, of which inner ones may be once more there than in `knots`.
+
+    The number of the first coefficient and the parts of it and those after it.
+    """
+    start = max(int(np.searchsorted(knots, at[0])) - degree - 1, 0)
+    local = knots[start : int(np.searchsorted(knots, at[-1], side="right")) + degree + 1]
+    values = np.unique(at)
+    there, wanted = (np.searchsorted(t, values, "right") - np.searchsorted(t, values) for t in (local, at))
+    local, parts = insert_knots(local, degree, np.eye(len(local) - degree - 1), values[wanted > there])
+    last = int(np.searchsorted(local, at[0], side="right")) - 1
+    return start, parts[min(last - int(wanted[0]), len(parts) - 1)]

@@ -22,7 +22,7 @@ from .basis import (
     reverse_knots,
     spline_values,
 )
-from .rational import quotient_derivative
+from .rational import quotient_derivative, weighted
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -42,12 +42,13 @@ class BSplineCurve:
         At least 1.
     control_points : (n, 2) array
     weights : (n,) array, optional
-        Positive weights; None for a polynomial curve.
+        Positive weights, the largest at most 1e16 times the smallest; None for a polynomial curve.
 
     Raises
     ------
     InputError
-        On a knot vector that is not clamped or decreases, on NaN, on shapes that do not fit.
+        On a knot vector that is not clamped or decreases, on knots nearer than 1e-30 of the domain, on weights beyond
+        their bounds, on NaN, on shapes that do not fit.
 
     Examples
     --------
@@ -131,7 +132,7 @@ class BSplineCurve:
         check_order(order, "order")
         if self.weights is None:
             return spline_values(self.knots, self.degree, self.control_points, t, order)
-        h = self.homogeneous()
+        h = weighted(self.control_points, self.weights)
         return quotient_derivative(lambda k, _: spline_values(self.knots, self.degree, h, t, k), order)
 
     def derivative(self, t: ArrayLike, order: int = 1) -> FloatArray:

@@ -25,7 +25,7 @@ from .basis import (
     insert_knots,
     knot_spans,
 )
-from .rational import quotient_derivative
+from .rational import quotient_derivative, weighted
 
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
@@ -48,12 +48,13 @@ class Patch:
     control_points : (n_u, n_v, 2) array
         ``[i, j]`` belongs to basis functions i in u and j in v.
     weights : (n_u, n_v) array, optional
-        Positive weights; None for a polynomial patch.
+        Positive weights, the largest at most 1e16 times the smallest; None for a polynomial patch.
 
     Raises
     ------
     InputError
-        On knot vectors that are not clamped or decrease, on NaN, on shapes that do not fit.
+        On knot vectors that are not clamped or decrease, on knots nearer than 1e-30 of the domain, on weights beyond
+        their bounds, on NaN, on shapes that do not fit.
 
     Examples
     --------
@@ -200,7 +201,7 @@ class Patch:
         if self.weights is None:
             found = values(self.control_points, du, dv)
         else:
-            h = self._homogeneous()
+            h = weighted(self.control_points, self.weights)
             found = quotient_derivative(lambda i, j: values(h, i, j), du, dv)
         return found.reshape(*at_u.shape, 2)
 

@@ -9,13 +9,21 @@ import numpy as np
 
 from ..numeric.arrays import FloatArray
 
-__all__ = ["quotient_derivative"]
+__all__ = ["quotient_derivative", "weighted"]
 
 
+def weighted(points: FloatArray, weights: FloatArray) -> FloatArray:
+    """Weighted points and weights (..., 3) of weights up to one: scaled by a power of two, which keeps all digits."""
+    w = np.ldexp(weights, -int(np.frexp(weights.max())[1]))[..., None]
+    return np.concatenate([points * w, w], axis=-1)
+
+
+@np.errstate(over="ignore", invalid="ignore")
 def quotient_derivative(homogeneous: Callable[[int, int], FloatArray], du: int, dv: int = 0) -> FloatArray:
     """Derivative of order (du, dv) of x / w, where `homogeneous(i, j)` gives those of (x, w), shape (..., 3).
 
     Leibniz's rule for x = w (x / w), solved for the highest derivative (Piegl and Tiller, The NURBS Book, 1997, 4.5).
+    What is beyond all numbers is infinite or NaN, as it is without weights.
     """
     weight: dict[tuple[int, int], FloatArray] = {}
     found: dict[tuple[int, int], FloatArray] = {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from ..geometry.areas import area_form
 from ..geometry.topology import Topology
@@ -22,6 +21,8 @@ class BoundaryArea:
     """
 
     def __init__(self, topology: Topology) -> None:
+        from scipy.sparse import csr_array
+
         n = len(topology.boundary_points)
         rows, columns, values = [np.empty(0, int)], [np.empty(0, int)], [np.empty(0)]
         for side in (side for loop in topology.loops for side in loop):

@@ -223,7 +223,7 @@ def freeze(
         return plain
     topology = solver.source.topology
     found, certificate, log = optimize_with_ladder(
-        lambda **nodes: solver.optimizer(excluded, null_space=None if space is None else space.basis, **nodes),
+        lambda **nodes: solver.optimizer(excluded, null_space=None if space is None else space.columns, **nodes),
         points,
         lambda x: certify(solver.model(x)),
         source=topology.coordinates,

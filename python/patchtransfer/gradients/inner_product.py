@@ -8,15 +8,17 @@ methods for PDE-constrained shape optimization*, SIAM J. Sci. Comput. 40(4), 201
 from __future__ import annotations
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csc_array
 
 from ..geometry.basis import collocation_matrix, knot_spans
 from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray
-from ..numeric.definite import DefiniteFactor
 from ..numeric.dense import product
+
+if TYPE_CHECKING:
+    from ..numeric.definite import DefiniteFactor
 
 __all__ = ["InnerProduct"]
 
@@ -43,6 +45,8 @@ class InnerProduct:
     """
 
     def __init__(self, topology: Topology, points: FloatArray, area: float) -> None:
+        from scipy.sparse import csc_array
+
         n, squared = len(topology.boundary_points), area / np.pi
         rows, columns, values = [np.empty(0, int)], [np.empty(0, int)], [np.empty(0)]
         for side in (side for loop in topology.loops for side in loop):
@@ -62,6 +66,8 @@ class InnerProduct:
 
     @cached_property
     def _factor(self) -> DefiniteFactor:
+        from ..numeric.definite import DefiniteFactor
+
         return DefiniteFactor(self.matrix)
 
     def __call__(self, a: FloatArray, b: FloatArray) -> float:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from ..errors import InputError
 from ..fitting.fit import SMOOTH_ANGLE
@@ -49,6 +48,8 @@ class OutlineMap:
     """
 
     def __init__(self, topology: Topology, points: FloatArray, target: Boundary) -> None:
+        from scipy.sparse import csr_array
+
         if not isinstance(target, Boundary):
             raise InputError(f"outline: target must be a Boundary (see read_boundary), got {type(target).__name__}")
         curves = [curve for loop in target.loops for curve in loop]

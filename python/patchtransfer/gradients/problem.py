@@ -57,7 +57,7 @@ class Problem:
         reference = solver.reference or self.source.patches
         self._reference = reference
         #: Points that the rows may move, the matrix from all points to them, and the basis of their displacements.
-        self._rows = None if space is None else (space.interior, space.particular, space.basis)
+        self._rows = None if space is None else (space.interior, space.particular, space.columns)
         self.n_rows = 0 if space is None else len(space.rows)
         self._excluded = sorted({*excluded, *degenerate_corners(reference)})
         areas = enclosed_areas(reference, sides_around(reference), len(reference))

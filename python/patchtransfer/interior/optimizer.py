@@ -16,7 +16,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
 
 from .._core import SplineOptimizer as CoreSplineOptimizer
 from ..errors import InputError
@@ -24,6 +23,7 @@ from ..geometry.patch import Patch
 from ..geometry.sides import around_corner
 from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray
+from ..numeric.compressed import Compressed
 from ..progress import Budget, Progress, reporter
 from ..proof.certificate import Cell, Certificate
 
@@ -99,9 +99,9 @@ class SplineOptimizer:
         Additional nodes.
     excluded_corners : sequence of (patch, corner)
         Patch corners left out of the energy because the map is degenerate there.
-    null_space : (n_interior, m) sparse array, optional
-        Columns span the displacements of the interior points (``topology.interior_points``) that keep the
-        continuity rows; default all displacements.
+    null_space : Compressed, optional
+        (n_interior, m) by columns, which span the displacements of the interior points
+        (``topology.interior_points``) that keep the continuity rows; default all displacements.
 
     Attributes
     ----------
@@ -117,15 +117,16 @@ class SplineOptimizer:
         nodes_per_degree: int = NODES_PER_DEGREE,
         extra_nodes: Sequence[tuple[int, float, float]] = (),
         excluded_corners: Sequence[tuple[int, int]] = (),
-        null_space: csc_array | None = None,
+        null_space: Compressed | None = None,
     ) -> None:
         patches = topology.patches if reference is None else reference
         self._nodes = nodes_per_degree, tuple(extra_nodes)
         self.step_cost = step_cost(patches, nodes_per_degree, extra_nodes)
         triplets = None
         if null_space is not None:
-            z = null_space.tocoo()
-            triplets = (z.row.astype(np.int64), z.col.astype(np.int64), z.data.astype(float), z.shape[1])
+            m = null_space.shape[1]
+            columns = np.repeat(np.arange(m), np.diff(null_space.indptr))
+            triplets = (np.asarray(null_space.indices, np.int64), columns, null_space.data, m)
         try:
             self._core = CoreSplineOptimizer(
                 [(*patch.knots, *patch.degrees, patch.control_points, None) for patch in patches],
@@ -140,7 +141,7 @@ class SplineOptimizer:
         except RuntimeError as error:
             raise InputError(f"the source cannot be optimised on: {error}") from None
 
-    def set_basis(self, null_space: csc_array) -> None:
+    def set_basis(self, null_space: Compressed) -> None:
         """Another null-space basis with entries at the same places; symbolic work is kept."""
         self._core.set_basis(null_space.data)
 

@@ -6,9 +6,9 @@ import threading
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csc_array
 
 from ..continuity.g1 import g1_rows
 from ..continuity.interfaces import control_rows
@@ -18,11 +18,14 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.topology import Spoke
 from ..numeric.arrays import FloatArray
-from ..paper.method import PaperHistory, paper_map
+from ..numeric.compressed import Compressed
 from ..progress import Budget, Clock, Progress, StopReason, reporter
 from ..proof.certificate import BoundaryReport, Certificate, certify
 from .optimizer import ROUGH, Certify, SplineOptimizer, degenerate_corners, optimize_with_ladder, step_cost
 from .under_rows import ROW_ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
+
+if TYPE_CHECKING:
+    from ..paper.method import PaperHistory
 
 __all__ = ["CONTINUITY", "InteriorMap", "InteriorSolver"]
 
@@ -234,6 +237,8 @@ class InteriorSolver:
         self, start: FloatArray, clock: Clock, budget: Budget, boundary: BoundaryReport | None = None
     ) -> InteriorMap:
         """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
+        from ..paper.method import paper_map  # Triangle meshes need SciPy, whose import takes longer than most maps.
+
         topology = self.source.topology
         mapped = paper_map(topology, start, stage=clock, budget=budget)
 
@@ -316,7 +321,7 @@ class InteriorSolver:
         degenerate: Sequence[tuple[int, int]],
         nodes_per_degree: int = 2,
         extra_nodes: Sequence[tuple[int, float, float]] = (),
-        null_space: csc_array | None = None,
+        null_space: Compressed | None = None,
     ) -> SplineOptimizer:
         """Optimizer on the source; symbolic work is kept, one optimizer a thread because it owns its buffers."""
         excluded = sorted(set(degenerate) | set(self._degenerate))

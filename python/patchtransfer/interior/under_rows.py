@@ -13,15 +13,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, eye_array
 
-from ..continuity.null_space import RowSpace, row_space
+from ..continuity.null_space import RowSpace, nearest, row_space
 from ..continuity.rows import ContinuityRows
 from ..geometry.multipatch import MultiPatch
 from ..geometry.straight_corners import corner_triangles
 from ..geometry.topology import Spoke, Topology
 from ..numeric.arrays import FloatArray
-from ..numeric.definite import DefiniteFactor
 from ..progress import Budget, Progress
 from ..proof.certificate import Certificate
 from .optimizer import Certify, SplineOptimizer, optimize_with_ladder
@@ -34,9 +32,6 @@ COLLAPSED = 0.8
 SPOILT = 0.5
 #: Rows whose residual is below this fraction of the diameter are kept.
 KEPT = 1e-10
-#: Part of the largest pivot that is added to all, against those that rounding leaves of dependent rows: far below what
-#: shows in the points.
-LIFTED = 1e-13
 #: Rounds of taking rows from interfaces.
 ROW_ROUNDS = 3
 
@@ -260,10 +255,10 @@ def _ladder(
     """The spline optimiser's ladder as a solver under rows."""
 
     def solve(space: RowSpace, start: FloatArray) -> tuple[FloatArray, Certificate, list[str]]:
-        plain = make(null_space=space.basis)
+        plain = make(null_space=space.columns)
         start = start if plain.minimum_determinant(start) > 0 else plain.harmonic(start)
         found, certificate, log = optimize_with_ladder(
-            lambda **options: make(null_space=space.basis, **options) if options else plain,
+            lambda **options: make(null_space=space.columns, **options) if options else plain,
             start,
             certify,
             source=topology.coordinates,
@@ -328,8 +323,7 @@ class _Corners:
         self._apex, self._u, self._v = rows.T
         # The first points of the interfaces that end at these vertices.
         self._first = np.intersect1d(np.concatenate([self._u, self._v]), topology.interior_points)
-        self._free = np.zeros(topology.n_points)
-        self._free[topology.interior_points] = 1.0
+        self._interior = topology.interior_points
 
     def collapsed(self, before: FloatArray, after: FloatArray) -> frozenset[Spoke]:
         """Interface ends at the vertices where a corner of a patch collapsed."""
@@ -338,14 +332,8 @@ class _Corners:
 
     def with_rows(self, rows: ContinuityRows, points: FloatArray) -> FloatArray:
         """The nearest points that satisfy the C1 rows of the first points of interfaces, all other rows aside."""
-        near = rows.matrix[np.flatnonzero(np.isin(rows.slave, self._first))]
-        movable = csr_array(near @ diags_array(self._free))
-        gram = movable @ movable.T
-        if not gram.shape[0]:
-            return points
-        # Rows may follow from each other: so little that it does not show, but no pivot is lost to rounding.
-        gram = gram + LIFTED * float(gram.diagonal().max()) * eye_array(gram.shape[0])
-        return np.asarray(points - movable.T @ DefiniteFactor(gram).solve(near @ points))
+        chosen = np.flatnonzero(np.isin(rows.slave, self._first))
+        return nearest(rows, chosen, self._interior, points) if len(chosen) else points
 
     def _jacobians(self, points: FloatArray) -> FloatArray:
         """Scaled Jacobians: the sines of the angles between the sides of patches."""

@@ -18,7 +18,7 @@ from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..limits import MAX_CURVES, MAX_LINES, at_most
 from ..numeric.arrays import FloatArray
-from .interpolation import LARGEST
+from .interpolation import LARGEST_SMOOTH
 from .loops import TOLERANCE, close_loop
 from .options import DEFAULT, BoundaryOptions
 
@@ -83,8 +83,8 @@ def _pair(number: int, line: str) -> Point:
     if pair is None or len(pair) != 2:
         raise InputError(f"line {number}: expected two numbers x y, got {line[:40]!r}; correct it")
     # A smooth curve through them must not overflow; the comparison also refuses NaN.
-    if not all(abs(value) <= LARGEST for value in pair):
-        raise InputError(f"line {number}: NaN, infinity or a number above {LARGEST:g}; give finite numbers")
+    if not all(abs(value) <= LARGEST_SMOOTH for value in pair):
+        raise InputError(f"line {number}: NaN, infinity or a number above {LARGEST_SMOOTH:g}; give finite numbers")
     if min(pair) >= SEPARATOR:
         raise InputError(f"line {number}: separates elements of a section, which is several outlines; keep one")
     return pair

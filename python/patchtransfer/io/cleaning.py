@@ -15,17 +15,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..geometry.curve import BSplineCurve
+from ..geometry.slivers import RESOLUTION, SHARE, TURNS_BACK
 from ..numeric.arrays import FloatArray
 from .loops import TOLERANCE, close_loop, diameter, free_ends, with_ends
 
 __all__ = ["RESOLUTION", "absorb", "cleaned", "mended", "slivers"]
 
-#: What is smaller (relative to the diameter) can be a slip of rounding: half of the smallest feature that is kept.
-RESOLUTION = 5e-4
-#: A sliver or a gap is at most this share of the edges that it lies between.
-SHARE = 0.1
-#: An outline that turns by more over a short edge has an end there, as thick as the edge is long.
-TURNS_BACK = math.radians(150.0)
 #: Curves shorter than this (relative to the diameter) have no length.
 NEGLIGIBLE = 1e-9
 #: Changes of a kind that are listed one by one.

@@ -10,14 +10,11 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..geometry.curve import BSplineCurve
 from ..geometry.patch import Patch
-from ..limits import MAX_ALONG, MAX_BOUNDARY_POINTS, MAX_DEGREE, at_most
+from ..limits import MAX_ALONG, MAX_BOUNDARY_POINTS, MAX_DEGREE, TOO_LARGE, at_most, first_unusable
 from ..numeric.arrays import FloatArray
 from .loops import clamp
 
-__all__ = ["LARGEST", "curve_of", "numbers", "patch_of"]
-
-#: Largest number: squares do not overflow.
-LARGEST = 1e150
+__all__ = ["curve_of", "numbers", "patch_of"]
 
 
 def numbers(values: ArrayLike, where: str) -> FloatArray:
@@ -30,10 +27,8 @@ def numbers(values: ArrayLike, where: str) -> FloatArray:
     if given.dtype.kind not in "fiu":
         raise InputError(f"{where}: not an array of numbers; correct it")
     array = given.astype(np.float64)
-    good = np.abs(array) <= LARGEST
-    if not good.all():
-        bad = array.ravel()[int(np.argmin(good))]
-        raise InputError(f"{where}: {bad:g} is NaN, infinite or above {LARGEST:g}; correct it")
+    if (wrong := first_unusable(array)) is not None:
+        raise InputError(f"{where}: {array.flat[wrong]:g} is NaN, infinite or {TOO_LARGE}; correct it")
     return array
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.boundary import Boundary
-from ..limits import MAX_CURVES, MAX_LOOPS, at_most
+from ..limits import MAX_CURVES, MAX_LOOPS, TOO_LARGE, at_most, first_unusable
 from ..numeric.arrays import FloatArray
 from .options import DEFAULT, BoundaryOptions
 from .point_loops import PointLoop, boundary_of_points
@@ -185,8 +185,7 @@ def _boundary(rings: Sequence[FloatArray], notes: Sequence[str], options: Bounda
     loops = []
     for k, ring in enumerate(rings):
         name = "the outer ring" if k == 0 else f"ring {k}, a hole,"
-        # Squares of coordinates must not overflow; the comparison also refuses NaN.
-        if not (np.abs(ring) <= 1e150).all():
-            raise InputError(f"{name} has NaN, infinity or a number above 1e150; give finite numbers")
+        if first_unusable(ring) is not None:
+            raise InputError(f"{name} has NaN, infinity or a number {TOO_LARGE}; give finite numbers")
         loops.append(PointLoop(name, ring))
     return boundary_of_points(loops, options, notes)

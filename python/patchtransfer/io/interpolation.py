@@ -24,11 +24,11 @@ from .sampling import CORNER_ANGLE, Reading, read_points
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-__all__ = ["LARGEST", "interpolate_outline", "read_outline"]
+__all__ = ["LARGEST_SMOOTH", "interpolate_outline", "read_outline"]
 
 LONG_EDGE = 5.0
 #: Largest coordinate of points that a spline goes through: the cubes of lengths must not overflow.
-LARGEST = 1e100
+LARGEST_SMOOTH = 1e100
 
 
 def interpolate_outline(
@@ -71,8 +71,10 @@ def read_outline(
     if not reading.smooth:
         ends = np.flatnonzero(reading.corner)
         return [_line(points[a], points[b]) for a, b in zip(ends, np.roll(ends, -1), strict=True)], reading
-    if np.abs(points).max() > LARGEST:
-        raise InputError(f"{name}: a coordinate above {LARGEST:g} is too large for a smooth curve; take smaller units")
+    if np.abs(points).max() > LARGEST_SMOOTH:
+        raise InputError(
+            f"{name}: a coordinate above {LARGEST_SMOOTH:g} is too large for a smooth curve; take smaller units"
+        )
     corner = reading.corner
     long_after, long_before = _long(length)
     # At a straight edge's end the tangent is prescribed unless there is a corner.

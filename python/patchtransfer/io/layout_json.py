@@ -9,15 +9,12 @@ from typing import Any
 
 from ..errors import InputError
 from ..geometry.boundary import Boundary
-from ..limits import MAX_LAYOUT_BYTES, MAX_LAYOUT_DEGREE, MAX_QUADS, at_most
+from ..limits import LARGEST, MAX_LAYOUT_BYTES, MAX_LAYOUT_DEGREE, MAX_QUADS, at_most
 
 __all__ = ["LayoutFile", "looks_like_a_layout", "parse_layout"]
 
 FIELDS = ("vertices", "quads", "boundary", "degree", "spans", "assignment")
 
-
-#: Largest coordinate: squares do not overflow.
-LARGEST = 1e150
 #: Digits of whole numbers: more do not fit into a coordinate, and thousands would take Python long.
 MAX_DIGITS = 17
 
@@ -101,7 +98,6 @@ def _whole(text: str) -> int:
 
 def _point(value: Any) -> list[float]:
     x, y = (float(coordinate) for coordinate in value)
-    # Squares must not overflow.
     if isinstance(value, str) or not max(abs(x), abs(y)) <= LARGEST:
         raise ValueError
     return [x, y]

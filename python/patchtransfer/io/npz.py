@@ -39,6 +39,7 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.sides import Interface, Side
 from ..limits import (
+    LARGEST,
     MAX_ALONG,
     MAX_BOUNDARY_POINTS,
     MAX_CONTROL_POINTS,
@@ -48,6 +49,7 @@ from ..limits import (
     MAX_LOOPS,
     MAX_PATCHES,
     at_most,
+    first_unusable,
 )
 from ..numeric.arrays import FloatArray, IntArray
 from .loops import close_loop
@@ -61,8 +63,6 @@ VERSION = 1
 #: Arrays of either kind, and the kinds of numbers they hold.
 SHARED = {"degrees": "iu", "counts": "iu", "rational": "b", "knots": "f", "control_points": "f", "weights": "f"}
 OWN = {"multipatch": {"ids": "iu", "interfaces": "iu"}, "boundary": {"loops": "iu"}}
-#: Largest coordinate: squares do not overflow.
-LARGEST = 1e150
 
 
 def looks_like_npz(data: bytes) -> bool:
@@ -215,10 +215,7 @@ def _splines(
     for name, shape in expected.items():
         if arrays[name].shape != shape:
             raise InputError(f"the array {name!r} has shape {arrays[name].shape}, needed is {shape}; write it again")
-        with np.errstate(invalid="ignore"):
-            good = np.abs(arrays[name]) <= LARGEST
-        # NaN fails the comparison, too.
-        if not good.all():
+        if first_unusable(arrays[name]) is not None:
             raise InputError(f"the array {name!r} holds NaN, infinity or a number above {LARGEST:g}; correct it")
     knots, points, weights = (array.astype(np.float64) for array in (knots, points, weights))
     return _cut(degrees, counts, rational, knots, points, weights)

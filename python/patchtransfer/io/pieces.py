@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
-from ..limits import MAX_BOUNDARY_POINTS, MAX_CURVES, MAX_DEGREE, MAX_LOOPS, at_most
+from ..limits import MAX_BOUNDARY_POINTS, MAX_CURVES, MAX_DEGREE, MAX_LOOPS, TOO_LARGE, at_most, first_unusable
 from ..numeric.arrays import FloatArray
 from .cleaning import cleaned, mended
 from .loops import TOLERANCE, chain, clamp
@@ -28,8 +28,6 @@ __all__ = ["Piece", "arc", "boundary_of", "bulge", "full_turn", "line", "spline"
 QUARTER = math.pi / 2
 #: Pieces shorter than this (relative to the diameter) are left-overs of rounding.
 NEGLIGIBLE = 1e-9
-#: Larger coordinates would overflow when squared.
-LARGEST = 1e150
 
 
 @dataclass(frozen=True)
@@ -97,8 +95,8 @@ def spline(knots: ArrayLike, degree: int, points: ArrayLike, weights: ArrayLike 
     at_most(degree, MAX_DEGREE, "is its degree", "lower it")
     if degree < 1 or len(c) < degree + 1 or len(t) != len(c) + degree + 1 or (w is not None and len(w) != len(c)):
         raise InputError(f"{len(t)} knots, {len(c)} control points and degree {degree} do not fit; draw it again")
-    if not (np.isfinite(t).all() and (np.diff(t) >= 0).all() and (np.abs(c) <= LARGEST).all()):
-        raise InputError("knots that decrease, NaN, infinity or a number above 1e150; draw it again")
+    if not (np.isfinite(t).all() and (np.diff(t) >= 0).all() and first_unusable(c) is None):
+        raise InputError(f"knots that decrease, NaN, infinity or a number {TOO_LARGE}; draw it again")
     if w is not None and not ((w > 0) & np.isfinite(w)).all():
         raise InputError("a weight is not positive; draw it again")
     if w is not None and (w == w[0]).all():
@@ -121,9 +119,8 @@ def boundary_of(
     at_most(len(pieces), MAX_CURVES, "pieces of outline", "keep those of the domain")
     at_most(sum(len(p.points) for _, p in pieces), MAX_BOUNDARY_POINTS, "control points", "simplify the drawing")
     for name, piece in pieces:
-        # The comparison also refuses NaN.
-        if not (np.abs(piece.points) <= LARGEST).all():
-            raise InputError(f"{name}: NaN, infinity or a number above 1e150; correct it")
+        if first_unusable(piece.points) is not None:
+            raise InputError(f"{name}: NaN, infinity or a number {TOO_LARGE}; correct it")
     everywhere = np.concatenate([piece.points for _, piece in pieces])
     size = float(np.linalg.norm(np.ptp(everywhere[:, :2], axis=0)))
     _check_plane(pieces, everywhere, size)

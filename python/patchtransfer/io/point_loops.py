@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..geometry.boundary import Boundary
-from ..limits import MAX_CURVES, MAX_LOOPS, at_most
+from ..limits import MAX_CURVES, MAX_LOOPS, TOO_LARGE, at_most, first_unusable
 from ..numeric.arrays import FloatArray
 from .cleaning import absorb, cleaned
 from .interpolation import read_outline
@@ -106,10 +106,8 @@ def _array(points: ArrayLike, number: int) -> FloatArray:
         raise InputError(f"loop {number} is not an array of numbers; pass (n, 2) arrays of points") from None
     if array.ndim != 2 or array.shape[1] != 2 or not len(array):
         raise InputError(f"loop {number} has the shape {array.shape}; pass (n, 2) arrays of points")
-    # Squares must not overflow; the comparison also refuses NaN.
-    wrong = ~(np.abs(array) <= 1e150).all(axis=1)
-    if wrong.any():
-        raise InputError(f"loop {number}, point {int(np.argmax(wrong))}: NaN, infinity or a number above 1e150")
+    if (wrong := first_unusable(array)) is not None:
+        raise InputError(f"loop {number}, point {wrong // 2}: NaN, infinity or a number {TOO_LARGE}")
     return array
 
 

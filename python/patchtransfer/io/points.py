@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.boundary import Boundary
-from ..limits import MAX_CURVES, MAX_LANDMARKS, MAX_LINES, MAX_LOOPS, at_most
+from ..limits import LARGEST, MAX_CURVES, MAX_LANDMARKS, MAX_LINES, MAX_LOOPS, TOO_LARGE, at_most
 from ..numeric.arrays import FloatArray
 from .interpolation import interpolate_outline
 from .options import DEFAULT, BoundaryOptions
@@ -41,9 +41,9 @@ def _values(fields: list[str], number: int, what: str) -> list[float]:
         values = [float(field) for field in fields]
     except ValueError:
         raise InputError(f"line {number}: expected {what}, got {', '.join(fields)[:40]!r}; correct it") from None
-    # Squares of coordinates must not overflow; the comparison also refuses NaN.
-    if not all(abs(value) <= 1e150 for value in values):
-        raise InputError(f"line {number}: NaN, infinity or a number above 1e150; give finite numbers")
+    # The comparison also refuses NaN.
+    if not all(abs(value) <= LARGEST for value in values):
+        raise InputError(f"line {number}: NaN, infinity or a number {TOO_LARGE}; give finite numbers")
     return values
 
 

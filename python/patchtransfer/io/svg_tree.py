@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import InputError
-from ..limits import MAX_CURVES, at_most
+from ..limits import MAX_CURVES, TOO_LARGE, at_most, first_unusable
 from ..numeric.arrays import FloatArray
 from .safe_xml import local_name
 from .svg_paths import NUMBER, SHAPES, Subpath, length_of, subpaths
@@ -238,9 +238,8 @@ def _listed(names: list[str]) -> str:
 
 def _placed(run: Subpath, matrix: FloatArray, name: str) -> Subpath:
     segments = [(knots, p, place(points, matrix)) for knots, p, points in run.segments]
-    # Squares must not overflow; the comparison also refuses NaN.
-    if not all((np.abs(points) <= 1e150).all() for _, _, points in segments):
-        raise InputError(f"{name}: NaN, infinity or a number above 1e150; correct it")
+    if any(first_unusable(points) is not None for _, _, points in segments):
+        raise InputError(f"{name}: NaN, infinity or a number {TOO_LARGE}; correct it")
     return Subpath(segments, run.closed)
 
 

@@ -11,10 +11,9 @@ from ..geometry.basis import weights_agree
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
-from ..limits import MAX_ALONG, MAX_CONTROL_POINTS, MAX_DEGREE, at_most
+from ..limits import MAX_ALONG, MAX_CONTROL_POINTS, MAX_DEGREE, TOO_LARGE, at_most, first_unusable
 from ..numeric.arrays import FloatArray
 from .loops import close_loop
-from .text import LARGEST
 
 __all__ = ["boundary_of", "check_sizes", "exchanged", "homogeneous", "patch_of"]
 
@@ -67,8 +66,8 @@ def patch_of(
     if weighted:
         with np.errstate(over="ignore"):
             points = points / weights[..., None]
-        if not (np.abs(points) <= LARGEST).all():
-            raise InputError(f"{where}: a coordinate divided by its weight is above 1e150; correct them")
+        if first_unusable(points) is not None:
+            raise InputError(f"{where}: a coordinate divided by its weight is {TOO_LARGE}; correct them")
     try:
         return Patch(knots, degrees, points, None if weights_agree(weights) else weights)
     except InputError as error:
@@ -80,8 +79,8 @@ def homogeneous(patch: Patch, where: str) -> FloatArray:
     weights = np.ones(patch.shape) if patch.weights is None else patch.weights
     with np.errstate(over="ignore"):
         points = patch.control_points * weights[..., None]
-    if not (np.abs(points) <= LARGEST).all():
-        raise InputError(f"{where}: a coordinate times its weight is above 1e150; scale the model or its weights")
+    if first_unusable(points) is not None:
+        raise InputError(f"{where}: a coordinate times its weight is {TOO_LARGE}; scale the model or its weights")
     return np.concatenate([points, weights[..., None]], axis=2)
 
 

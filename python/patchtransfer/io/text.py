@@ -9,13 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import InputError
-from ..limits import MAX_CONTROL_POINTS, MAX_MODEL_LINES, at_most
+from ..limits import LARGEST, MAX_CONTROL_POINTS, MAX_MODEL_LINES, TOO_LARGE, at_most
 from ..numeric.arrays import FloatArray
 
 __all__ = ["TextLines", "Words", "is_number"]
 
-#: Squares of coordinates must not overflow.
-LARGEST = 1e150
 #: Digits and signs of whole numbers: longer ones count nothing and do not fit into 64 bits.
 MAX_DIGITS = 18
 #: Words of a line: a coordinate of all control points of a model, and a few.
@@ -176,6 +174,6 @@ def _floats(words: list[str], starts: Sequence[tuple[int, int]], what: str) -> l
     if all(-LARGEST <= value <= LARGEST for value in values) and "_" not in "".join(words):
         return values
     k, bad = next((k, w) for k, w in enumerate(words) if not is_number(w) or not abs(float(w)) <= LARGEST)
-    why = "is NaN, infinite or above 1e150" if is_number(bad) else "is not a number"
+    why = f"is NaN, infinite or {TOO_LARGE}" if is_number(bad) else "is not a number"
     number = next(line for first, line in reversed(starts) if first <= k)
     raise InputError(f"line {number}, {what}: {bad[:30]!r} {why}; correct it")

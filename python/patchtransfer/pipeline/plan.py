@@ -14,25 +14,27 @@ from typing import NamedTuple, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
+from ..errors import InputError, TransferError
 from ..fitting.fit import FittedBoundary
-from ..fitting.refinement import Knot, insert_in_strips, missed_spans, span_middles
+from ..fitting.refinement import Knot, insert_in_strips, lone_spans, missed_spans, span_middles
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
-from ..geometry.straight_corners import corner_triangles, straighten
+from ..geometry.splitting import split_model, split_patches
 from ..gradients.frozen import Frozen, freeze
-from ..interior.solver import InteriorMap, InteriorSolver
+from ..interior.solver import InteriorSolver
 from ..progress import Budget, Clock, Progress
-from ..proof.certificate import Certificate, check_boundary
-from ..proof.feasibility import check_corners, check_report
+from ..registration.lacking_joints import LackingJoint, lacking_joints
 from .accepted import accepted
 from .inside import measure, slide, solve
 from .options import Run, SearchOptions, TransferOptions, options_of
-from .posed import Registered, no_proof
-from .result import NotCertifiedError, TransferResult, failure_of
+from .posed import Registered
+from .refilled import Refilled, filled
+from .result import NotCertifiedError, TransferResult, failure_of, split_advice
 from .sliding import movable_joints
 from .source_boundary import SourceBoundary
+from .split_or_whole import better, split_note, vain_note
+from .splitting import Division, SourceSplit, onto_split, strip_cuts, with_near_joints_moved
 from .tasks import TransferTask, in_order
 
 __all__ = ["Refilled", "TransferPlan", "transfer"]
@@ -78,7 +80,13 @@ def transfer(
         "auto" inserts knots into the source, in whole strips of patches, where its boundary misses the target by
         more than five times `fit_tolerance`, until it is met, and refines the source uniformly once if no certified
         map is found; the result's ``refined`` and a warning tell. "tolerance" does so wherever the boundary misses by
-        more than `fit_tolerance`, and with method "paper", which "auto" leaves alone, as well. Patches are never split.
+        more than `fit_tolerance`, and with method "paper", which "auto" leaves alone, as well. Neither splits
+        patches: that is `split`.
+    split : {"never", "auto"}, default "never"
+        "auto" splits the source's patches, in whole strips, where the target has corners that no joint of the source
+        takes: the same geometry, more patches, and every corner gets a joint. The result's ``split`` and a warning
+        tell; refine="auto" acts above `fit_tolerance` then. Where no certified map of the target is found so, the
+        source is taken as it is, if that does better.
     fit_tolerance : float, default 1e-3
         Boundary error, relative to the target's diameter, that the fit should reach.
     fixed_correspondence : bool, optional
@@ -123,6 +131,12 @@ class TransferPlan:
     reference : sequence of Patch, optional
         Maps that distortion is measured against, one a patch on the same knots; default the source's own patches.
 
+    Attributes
+    ----------
+    source : MultiPatch
+    split : SourceSplit or None
+        How the source was split, if this plan comes from `split_for`.
+
     Raises
     ------
     InputError
@@ -139,6 +153,8 @@ class TransferPlan:
         topology = source.topology
         self._boundary = SourceBoundary(self._welded.boundary().loops, topology)
         self._interior = InteriorSolver(source, continuity, reference)
+        self.split: SourceSplit | None = None
+        self._unsplit: Unsplit | None = None
 
     def __repr__(self) -> str:
         return f"<TransferPlan: {len(self.source.patches)} patches, continuity {self.continuity}>"
@@ -152,11 +168,34 @@ class TransferPlan:
         **options: Unpack[TransferOptions],
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
+        run = self._run(options, progress)
+        registered = self._registered(target, landmarks, run)
+        search = self._searched_split if run.options.split == "auto" else self._searched
+        result = search(registered, landmarks, run)
+        advice = split_advice(result) if result.succeeded else None
+        if advice is not None:
+            result = result.with_warnings([advice])
+        error = failure_of(result) if run.options.on_failure == "raise" else None
+        if error is not None:
+            raise error
+        return result
+
+    def _run(self, options: TransferOptions, progress: Progress | None = None) -> Run:
+        chosen = options_of(options).decided()
+        return Run(chosen, Clock(), Budget.of_source(self._interior.step_cost, chosen.time_limit), progress)
+
+    def _registered(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> Registered:
+        """The correspondence; of a split source what it was before, with the new joints at corners that lacked one."""
         if not isinstance(target, Boundary):
             raise InputError(f"target must be a Boundary (see read_boundary), got {type(target).__name__}")
-        chosen = options_of(options).decided()
-        run = Run(chosen, Clock(), Budget.of_source(self._interior.step_cost, chosen.time_limit), progress)
-        registered = self._boundary.register(target, landmarks, run)
+        if self._unsplit is None:
+            return self._boundary.register(target, landmarks, run)
+        registered = self._unsplit.plan._with_near_joints_moved(self._unsplit.plan._registered(target, landmarks, run))
+        return self._onto_split(registered, run)
+
+    def _searched(self, registered: Registered, landmarks: ArrayLike | None, run: Run) -> TransferResult:
+        """The result with the plan's own patches, the source refined where that is asked for and helps."""
+        chosen = run.options
         movable = [] if chosen.fixed_correspondence else movable_joints(registered.registration, landmarks)
         fitted = self._boundary.fit(registered.registration, run)
         plan, notes = self, list(self._notes)
@@ -176,11 +215,69 @@ class TransferPlan:
                 note = "a uniform refinement of the source was tried: no certified map was found"
             notes.append(note)
         points = (result.multipatch.topology.n_points, self.source.topology.n_points)
-        result = replace(result.with_warnings(notes), refined=points[0] != points[1])
-        error = failure_of(result) if chosen.on_failure == "raise" else None
-        if error is not None:
-            raise error
-        return result
+        return replace(
+            result.with_warnings(notes),
+            refined=points[0] != points[1],
+            split=None if self.split is None else replace(self.split, corners=registered.handed),
+        )
+
+    def _searched_split(self, registered: Registered, landmarks: ArrayLike | None, run: Run) -> TransferResult:
+        """The result with joints at all corners of the target; without, where that does better."""
+        near = self._with_near_joints_moved(registered)
+        lacking = lacking_joints(near.registration, run.options.fit_tolerance)
+        if near is registered and not lacking:
+            return self._searched(registered, landmarks, run)
+        plan = self._split([lacking])
+        split = plan._searched(plan._onto_split(near, run) if lacking else near, landmarks, run.part(HALF))
+        if lacking:
+            corners = [corner.point for corner in lacking]
+            split = split.with_warnings([split_note(corners, len(self.source), len(plan.source))])
+        if split.succeeded:
+            return split
+        as_it_is = replace(run, options=replace(run.options, split="never"))
+        whole = self._searched(registered, landmarks, as_it_is)
+        if better(split, whole):
+            return split
+        if not lacking:
+            return whole
+        return replace(whole.with_warnings([vain_note(corners, split)]), split_in_vain=True)
+
+    def _with_near_joints_moved(self, registered: Registered) -> Registered:
+        """The same with free joints at corners near by; itself if there are none."""
+        before = registered.registration
+        moved = with_near_joints_moved(before, self._boundary.single)
+        return registered if moved is before else registered._replace(registration=moved)
+
+    def _onto_split(self, registered: Registered, run: Run) -> Registered:
+        """A correspondence with the source as it was, with this plan's: its joints at corners that lacked one."""
+        assert self._unsplit is not None
+        tolerance = run.options.fit_tolerance
+        with run.clock("registration"):
+            before = registered.registration
+            registration = onto_split(before, tolerance, self._unsplit.division, self._boundary.outlines)
+        left = {corner.point for corner in lacking_joints(registration, tolerance)}
+        corners = [corner.point for corner in lacking_joints(before, tolerance)]
+        handed = tuple(point for point in corners if point not in left)
+        return registered._replace(registration=registration, handed=(*registered.handed, *handed))
+
+    def _split(self, lacking: Sequence[Sequence[LackingJoint]]) -> TransferPlan:
+        """A plan for the source split so that corners of targets that lack joints, target by target, get them."""
+        topology = self._welded.topology
+        cuts = strip_cuts(lacking, topology)
+        if not cuts:
+            return self
+        division = Division(topology, cuts, split_model(self._welded, cuts))
+        source = division.model.multipatch
+        reference = self.reference and split_patches(self.reference, topology.interfaces, cuts)
+        if self.continuity == "g1":
+            # Pieces may have a single span, which locks exact G1.
+            source, reference = _refined(source, reference, lone_spans(source.patches), 2)
+        plan = TransferPlan(source, self.continuity, reference=reference)
+        plan._unsplit = Unsplit(self, division)
+        corners = dict.fromkeys(corner.point for corners in lacking for corner in corners)
+        plan.split = division.report(tuple(corners), self.split)
+        plan._notes += division.model.lost
+        return plan
 
     def _attempt(
         self,
@@ -194,6 +291,65 @@ class TransferPlan:
         posed, sliding = slide(posed, movable, self._boundary, self._interior, run)
         posed, found = solve(posed, self._boundary, self._interior, run)
         return measure(posed, sliding, found, self._interior, run)
+
+    def split_for(
+        self,
+        targets: Iterable[Boundary],
+        landmarks: Iterable[ArrayLike | None] | None = None,
+        *,
+        skip_failures: bool = False,
+        **options: Unpack[TransferOptions],
+    ) -> TransferPlan:
+        """A plan for the source split wherever one of the targets needs it: all results have the same patches.
+
+        Parameters
+        ----------
+        targets : iterable of Boundary
+        landmarks : iterable of (r, 4) arrays or None, optional
+            One a target, as for `transfer`.
+        skip_failures : bool, default False
+            Leave out targets that cannot be registered; to transfer to them says why.
+        **options
+            As for `transfer`; those on the correspondence, and `fit_tolerance`, matter.
+
+        Returns
+        -------
+        TransferPlan
+            Its ``split`` tells how, and from which patch of the source each of its own comes; this plan itself, if
+            its patches suffice. `transfer` with the default ``split="never"`` keeps the patches; corners of the target
+            are matched to the new joints.
+
+        Raises
+        ------
+        TransferError
+            As `transfer` does, for a target that cannot be registered; the message begins with "targets[3]: ".
+
+        Examples
+        --------
+        >>> from patchtransfer import Boundary, MultiPatch, Patch
+        >>> knots = ([0, 0, 1, 1], [0, 0, 1, 1])
+        >>> plan = TransferPlan(MultiPatch([Patch(knots, (1, 1), [[[0, 0], [0, 1]], [[3, 0], [3, 1]]])]), "c0")
+        >>> roof = Boundary.from_points([(0, 0), (3, 0), (3, 1), (1.5, 1.6), (0, 1)])
+        >>> plan.split_for([roof])
+        <TransferPlan: 2 patches, continuity c0>
+        """
+        run = self._run(options)
+        targets = list(targets)
+        given = [None] * len(targets) if landmarks is None else list(landmarks)
+        if len(given) != len(targets):
+            raise InputError(f"split_for: landmarks are one set a target or none, got {len(given)} for {len(targets)}")
+        lacking = []
+        for number, pair in enumerate(zip(targets, given, strict=True)):
+            try:
+                near = self._with_near_joints_moved(self._registered(*pair, run))
+            except Exception as error:
+                if skip_failures:
+                    continue
+                if isinstance(error, TransferError):
+                    error.args = (f"targets[{number}]: {error}", *error.args[1:])
+                raise
+            lacking.append(lacking_joints(near.registration, run.options.fit_tolerance))
+        return self._split(lacking)
 
     def map(
         self,
@@ -211,7 +367,9 @@ class TransferPlan:
             process pool works on every target with one thread; small models gain from processes, for much of their
             time is Python's. Of a small source several targets go to a worker at once.
         **options
-            As in `transfer`; a ``time_limit`` is for every target by itself.
+            As in `transfer`; a ``time_limit`` is for every target by itself. ``split="auto"`` splits for each target by
+            itself, so that results differ in their patches: ``plan.split_for(targets).map(targets)`` has the same
+            ones for all.
 
         Raises
         ------
@@ -245,7 +403,7 @@ class TransferPlan:
         InfeasibleTargetError
             When the boundary crosses itself, or a single patch would have to fill more than 180 degrees.
         """
-        found, _ = self._fill(points, progress, "refill")
+        found, _ = filled(points, self._boundary, self._interior, progress, "refill")
         return Refilled(self.source.with_shared_points(found.points), found.certificate, tuple(found.log))
 
     def freeze(self, points: ArrayLike | None = None, progress: Progress | None = None) -> Frozen:
@@ -284,37 +442,14 @@ class TransferPlan:
         >>> filled.jvp(frozen.boundary).shape == filled.points.shape
         True
         """
-        found, degenerate = self._fill(
-            self.source.topology.coordinates if points is None else points, progress, "freeze"
-        )
+        given = self.source.topology.coordinates if points is None else points
+        found, degenerate = filled(given, self._boundary, self._interior, progress, "freeze")
         if not found.certificate.injective:
             raise NotCertifiedError(
                 f"freeze: no certified map was found on this boundary ({found.certificate.status}): "
                 f"{'; '.join(found.certificate.reasons[:3])}; freeze a boundary nearer to the source's"
             )
         return freeze(self._interior, None if found.rows is None else found.rows.space, degenerate, found.points)
-
-    def _fill(
-        self, points: ArrayLike, progress: Progress | None, what: str
-    ) -> tuple[InteriorMap, tuple[tuple[int, int], ...]]:
-        """The inside for a boundary on the source's own sides, and its degenerate corners."""
-        start = np.asarray(points, float)
-        topology = self.source.topology
-        if start.shape != (topology.n_points, 2) or not np.isfinite(start).all():
-            raise InputError(f"{what}: expected finite points of shape {(topology.n_points, 2)}, got {start.shape}")
-        curves = self._boundary.curves(start)
-        known = check_boundary(curves)
-        check_report(known, "boundary")
-        degenerate = self._boundary.degenerate(check_corners(curves, self._boundary.single, "boundary"))
-        start, _ = straighten(start, corner_triangles(topology, degenerate))
-        budget = Budget.of_source(self._interior.step_cost)
-        report = check_boundary(self._boundary.curves(start), known)
-        if report.simple:
-            found = self._interior.certified(start, degenerate, progress, Clock(), budget, report)
-        else:
-            reason = no_proof(report).reason
-            found = self._interior.unproved(start, degenerate, progress, Clock(), budget, reason, report)
-        return found, degenerate
 
     def _refined_to_tolerance(
         self, registered: Registered, fitted: FittedBoundary, run: Run
@@ -340,19 +475,25 @@ class TransferPlan:
 
     def _refined(self, knots: Sequence[Knot], registered: Registered) -> tuple[TransferPlan, Registered]:
         """A plan for the source with more knots, and the same correspondence with its boundary curves."""
-        topology = self._welded.topology
         # Exact G1 needs inner knots of C^(p - 2): simple ones would lock its rows.
         multiplicity = 2 if self.continuity == "g1" else 1
-        patches = insert_in_strips(topology, topology.patches, knots, multiplicity)
-        reference = self.reference and insert_in_strips(topology, self.reference, knots, multiplicity)
-        source = MultiPatch(patches, self.source.interfaces, self.source.ids, self.source.sides, self.source.blocks)
+        source, reference = _refined(self._welded, self.reference, knots, multiplicity)
         plan = TransferPlan(source, self.continuity, reference=reference)
         return plan, registered._replace(registration=plan._boundary.registered(registered.registration))
 
 
-class Refilled(NamedTuple):
-    """Outcome of `TransferPlan.refill`."""
+def _refined(
+    source: MultiPatch, reference: Sequence[Patch] | None, knots: Sequence[Knot], multiplicity: int
+) -> tuple[MultiPatch, list[Patch] | None]:
+    """A source with shared points, and its reference, with more knots."""
+    topology = source.topology
+    patches = insert_in_strips(topology, topology.patches, knots, multiplicity)
+    finer = None if reference is None else insert_in_strips(topology, reference, knots, multiplicity)
+    return MultiPatch(patches, source.interfaces, source.ids, source.sides, source.blocks), finer
 
-    multipatch: MultiPatch
-    certificate: Certificate
-    log: tuple[str, ...]
+
+class Unsplit(NamedTuple):
+    """The plan of a source before it was split, and how it was."""
+
+    plan: TransferPlan
+    division: Division

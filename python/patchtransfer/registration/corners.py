@@ -1,21 +1,20 @@
-"""Corners on an existing correspondence: pairs between anchors, snapping, and corners that nothing is matched to."""
+"""Corners on an existing correspondence: pairs between anchors, and snapping."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..geometry.outline import Outline
+from ..geometry.slivers import drawn_corners
 from ..numeric.arrays import FloatArray, IntArray
-from .sampled_boundary import cyclic_gap, image_of
+from .sampled_boundary import image_of
 
-__all__ = ["close_turn", "corners_between", "missed_corners", "snap_corners"]
+__all__ = ["close_turn", "corners_between", "snap_corners"]
 
 #: A source corner is moved onto a target corner within this fraction of the loop's length.
 CORNER_SNAP = 2e-3
 #: Corresponding corners turn by angles that differ by less than this.
 CORNER_DIFFERENCE = np.radians(50.0)
-#: Corners listed in warnings for each loop.
-MAX_WARNINGS = 5
 
 
 def corners_between(anchors: FloatArray, source: Outline, target: Outline) -> FloatArray:
@@ -35,7 +34,7 @@ def corners_between(anchors: FloatArray, source: Outline, target: Outline) -> Fl
 
 def _corners_inside(ends: FloatArray, outline: Outline) -> tuple[FloatArray, FloatArray, IntArray]:
     """Arc lengths, turning angles and arcs of the corners that are not next to an end of their arc, in order."""
-    at, turn = outline.corners
+    at, turn = drawn_corners(outline)
     if len(at) == 0:
         return at, turn, np.empty(0, np.int64)
     at = ends[0] + np.mod(at - ends[0], outline.length)
@@ -47,27 +46,13 @@ def _corners_inside(ends: FloatArray, outline: Outline) -> tuple[FloatArray, Flo
     return at[inside], turn[inside], arc[inside]
 
 
-def missed_corners(target: Outline, joints: FloatArray, k: int) -> list[str]:
-    """Warnings on target corners off the images of the source's joints: its sides cannot follow them."""
-    at, _ = target.corners
-    if len(at) == 0:
-        return []
-    gap = cyclic_gap(at, np.mod(joints[:-1], target.length), target.length)
-    missed = target.point(at[gap > CORNER_SNAP * target.length])
-    return [
-        f"boundary loop {k}: the target has a corner at ({x:.6g}, {y:.6g}) that no joint of the source is matched "
-        "to; it will be rounded off (a landmark there helps if the source has such a corner)"
-        for x, y in missed[:MAX_WARNINGS]
-    ]
-
-
 def snap_corners(anchors: FloatArray, source: Outline, target: Outline) -> FloatArray:
     """Add anchors where a source corner lands next to a target corner that turns the same way.
 
     An anchor at the corner itself gives way to it: landmarks are known to that accuracy only.
     """
-    s, turn_s = source.corners
-    t, turn_t = target.corners
+    s, turn_s = drawn_corners(source)
+    t, turn_t = drawn_corners(target)
     if len(s) == 0 or len(t) == 0:
         return anchors
     image = image_of(anchors, s)

@@ -22,10 +22,11 @@ from ..geometry.outline import Outline
 from ..limits import MAX_CORNERS, at_most
 from ..numeric.arrays import FloatArray
 from ..numeric.dense import svd
-from .corners import close_turn, corners_between, missed_corners, snap_corners
+from .corners import close_turn, corners_between, snap_corners
 from .free_joints import joints_to_corners
 from .landmarks import landmark_anchors, pair_by_landmarks, place_landmarks, read_landmark_rows
 from .matches import HOPE, HOPELESS, Match, WholeMatch, match_outer, rank_with_holes, smooth
+from .missed_corners import MissedCorner, missed_corners, missed_warnings
 from .sampled_boundary import BoundaryShape, cyclic_gap, image_of
 
 __all__ = ["LoopRegistration", "Registration", "RunnerUp", "register"]
@@ -109,10 +110,20 @@ class LoopRegistration:
 
 @dataclass(frozen=True)
 class Registration:
-    """Correspondence of all loops, in the order of the source's loops."""
+    """Correspondence of all loops.
+
+    Attributes
+    ----------
+    loops : tuple of LoopRegistration
+        In the order of the source's loops.
+    warnings : tuple of str
+    missed_corners : tuple of MissedCorner
+        Corners of the target inside sides of the source, which the fit rounds off, loop after loop along the source.
+    """
 
     loops: tuple[LoopRegistration, ...]
     warnings: tuple[str, ...] = ()
+    missed_corners: tuple[MissedCorner, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Registration: {len(self.loops)} loops, confidence {self.confidence:.2f}>"
@@ -210,14 +221,17 @@ def register(
         given[k] = anchors if marked_curves else corners_between(anchors, outline, other)
     single = single_patch or [[False] * len(outline.curves) for outline in source_loops]
     loops, warnings = _correspondences(source_loops, target_loops, partner, given, marked_curves, single, sampled)
+    missed: list[MissedCorner] = []
     for k, loop in enumerate(loops):
         if loop.confidence < AMBIGUOUS:
             warnings.append(
                 f"boundary loop {k}: the correspondence found without landmarks is ambiguous (confidence "
                 f"{loop.confidence:.2f}); give landmarks"
             )
-        warnings += missed_corners(loop.target, loop.joints, k)
-    return Registration(tuple(loops), tuple(warnings))
+        of_loop = missed_corners(loop.source, loop.target, loop.anchors, k, target_loops[0].diameter)
+        warnings += missed_warnings(of_loop)
+        missed += of_loop
+    return Registration(tuple(loops), tuple(warnings), tuple(missed))
 
 
 def _correspondences(

@@ -12,9 +12,10 @@ import numpy as np
 from .._core import inner_distances
 from .._core import turning as core_turning
 from ..geometry.outline import CORNER, Outline
+from ..geometry.slivers import drawn_corners
 from ..numeric.arrays import FloatArray, IntArray
 
-__all__ = ["WINDOWS", "BoundaryShape", "NearDistances", "cyclic_gap", "image_of"]
+__all__ = ["SMOOTH_WINDOW", "WINDOWS", "BoundaryShape", "NearDistances", "cyclic_gap", "image_of"]
 
 #: Nodes of the outer loop, of a hole at most and at least, of all holes together about.
 SAMPLES, HOLE_SAMPLES, FEWEST_SAMPLES, ALL_HOLES = 160, 32, 8, 320
@@ -24,8 +25,17 @@ MAX_CORNERS = 96
 SAME_NODE, CROWDED = 0.1, 0.4
 #: Windows of the turning descriptor, in parts of the loop's length.
 WINDOWS = [1 / 48, 1 / 24, 1 / 12, 1 / 6]
+#: The window that the last slide compares turning with: the middle ones tell places where the outline has few features.
+SMOOTH_WINDOW = 1 / 12
+#: Where turning changes by more (half turns a loop length) its difference tells of a point that is a little beside its
+#: place, not of a shape that is unlike: at half the weight when that is 0.01 of the loop and 0.08 half turns.
+STEEP = 8.0
+#: Step, in parts of the loop, of the differences that give how fast turning changes.
+DIFFERENCE = 0.01
 #: Squared distance (relative to the root mean square) that softens the weight 1/d² of near distances.
 SOFT = 0.02
+#: Arc lengths that differ by less than this part of the loop are one.
+SAME_PLACE = 1e-9
 #: Quantiles of the distance descriptor.
 QUANTILES = (0.1, 0.25, 0.5, 0.75, 0.9)
 
@@ -76,7 +86,7 @@ class BoundaryShape:
         extra = [np.empty(0)] * len(outlines) if extra is None else extra
         few = max(FEWEST_SAMPLES, min(HOLE_SAMPLES, ALL_HOLES // max(len(outlines) - 1, 1)))
         s = [_nodes(outline, few if k else SAMPLES, extra[k]) for k, outline in enumerate(outlines)]
-        angles = [outline.turn(x) for outline, x in zip(outlines, s, strict=True)]
+        turn = [_turn(outline, x) for outline, x in zip(outlines, s, strict=True)]
         points = np.concatenate([outline.point(x) for outline, x in zip(outlines, s, strict=True)])
         distances = inner_distances(points, [len(x) for x in s])
         blocked = np.isinf(distances)
@@ -84,7 +94,6 @@ class BoundaryShape:
             distances = np.where(blocked, np.linalg.norm(points[:, None] - points, axis=2), distances)
         n = len(s[0])
         scale = float(np.sqrt((distances[:n, :n] ** 2).mean()))
-        turn = [np.where(abs(angle) > CORNER, angle, 0.0) for angle in angles]
         return cls(tuple(outlines), tuple(s), tuple(turn), distances / scale)
 
     def rows(self, k: int) -> slice:
@@ -97,6 +106,17 @@ class BoundaryShape:
         """Angles (n_k, windows) between the chords that arrive at and leave the nodes of every loop, in half turns."""
         pairs = zip(self.outlines, self.s, strict=True)
         return tuple(core_turning(outline.core, s, WINDOWS) for outline, s in pairs)
+
+    @cached_property
+    def smooth_turning(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
+        """Turning (n_k, 1) with the last slide's window, and the weight (n_k,) of its difference, of every loop."""
+        found = []
+        for outline, s in zip(self.outlines, self.s, strict=True):
+            h = DIFFERENCE * outline.length
+            before, here, after = (core_turning(outline.core, s + x, [SMOOTH_WINDOW]) for x in (-h, 0.0, h))
+            slope = (after - before)[:, 0] / (2 * DIFFERENCE)
+            found.append((here, 1 / (1 + (slope / STEEP) ** 2)))
+        return tuple(found)
 
     @cached_property
     def quantiles(self) -> FloatArray:
@@ -152,9 +172,21 @@ def image_of(anchors: FloatArray, s: FloatArray) -> FloatArray:
     return np.asarray(np.interp(s - turns * (a[-1] - a[0]), a, b) + turns * (b[-1] - b[0]))
 
 
+def _turn(outline: Outline, s: FloatArray) -> FloatArray:
+    """Turning angles (radians) at arc lengths that are corners, else 0; that of a sliver at the corner that it is."""
+    angle = outline.turn(s)
+    angle = np.where(abs(angle) > CORNER, angle, 0.0)
+    at, turn = drawn_corners(outline)
+    if len(at) == len(outline.corners[0]):
+        return angle
+    apart = abs(np.mod(s[:, None] - at + outline.length / 2, outline.length) - outline.length / 2)
+    drawn = apart.min(axis=1, initial=np.inf) < SAME_PLACE * outline.length
+    return np.where(drawn & (angle != 0), turn[apart.argmin(axis=1)] if len(at) else 0.0, 0.0)
+
+
 def _nodes(outline: Outline, n: int, extra: FloatArray) -> FloatArray:
     """About `n` arc lengths at equal distances, with the sharpest corners and the `extra` ones among them."""
-    at, turn = outline.corners
+    at, turn = drawn_corners(outline)
     at = at[np.argsort(-abs(turn), kind="stable")[:MAX_CORNERS]]
     step = outline.length / n
     # A corner at a landmark is the same node.

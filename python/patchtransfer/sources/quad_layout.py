@@ -14,15 +14,13 @@ from ..errors import InputError
 from ..geometry.basis import greville
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
-from ..limits import MAX_LAYOUT_DEGREE, MAX_LAYOUT_POINTS, MAX_QUADS, at_most
+from ..limits import LARGEST, MAX_LAYOUT_DEGREE, MAX_LAYOUT_POINTS, MAX_QUADS, at_most
 from ..numeric.arrays import FloatArray, IntArray, frozen_array
 from .drawing import circle_drawing
 from .quad_graph import QuadGraph
 
 __all__ = ["QuadLayout", "bilinear_patches", "convex"]
 
-#: Largest coordinate: squares do not overflow.
-LARGEST = 1e150
 #: Edges shorter than this (relative to the largest coordinate) have no direction left.
 SHORTEST = 1e-14
 #: Sine of a quad's angle below which its sign is rounding.

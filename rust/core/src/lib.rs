@@ -14,8 +14,10 @@
 //! | [`fitting`]      | orthogonal distance fit of boundary sides                     | `numeric`, `spline`, `outline`   |
 //! | [`mesh`]         | triangulation, maps of triangle meshes                        | `numeric`, `distortion`          |
 //! | [`layout`]       | layouts of a domain from its outline alone                    | `numeric`, `mesh`                |
+//! | [`continuity`]   | maps that satisfy rows across patches                         | `numeric`                        |
 //! | [`optimizer`]    | projected Newton on the control points of a multi-patch       | `numeric`, `spline`, `distortion`|
 
+pub mod continuity;
 pub mod distortion;
 pub mod fitting;
 pub mod layout;

@@ -2,6 +2,7 @@
 
 use pyo3::prelude::*;
 
+mod continuity;
 mod convert;
 mod fitting;
 mod layout;
@@ -28,6 +29,7 @@ fn core_module(m: &Bound<'_, PyModule>) -> PyResult<()> {
     fitting::register(m)?;
     mesh::register(m)?;
     layout::register(m)?;
+    continuity::register(m)?;
     optimizer::register(m)?;
     Ok(())
 }

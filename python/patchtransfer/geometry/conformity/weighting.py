@@ -9,6 +9,7 @@ import numpy as np
 
 from ...numeric.arrays import FloatArray
 from ...numeric.components import components
+from ..basis import in_range
 from ..patch import Patch
 from ..sides import Interface
 
@@ -49,7 +50,7 @@ def with_common_weights(patches: Sequence[Patch], interfaces: Sequence[Interface
                 seen.add(m)
                 queue.append(m)
                 own, other = along(patches, f) if k == f.patch_a else along(patches, f)[::-1]
-                notes += _scale(patches, m, _factor(own, other))
+                notes += _scale(patches, m, float((own / other).mean()))
     return patches, notes
 
 
@@ -57,30 +58,22 @@ def _scale(patches: list[Patch], k: int, factor: float) -> list[str]:
     patch = patches[k]
     if patch.weights is None or abs(factor - 1) <= SAME_WEIGHT:
         return []
-    with np.errstate(over="ignore", under="ignore"):
+    with np.errstate(over="ignore"):
         weights = patch.weights * factor
-    if not ((weights > 0) & np.isfinite(weights)).all():
+    if not in_range(weights):
         return []
     patches[k] = Patch(patch.knots, patch.degrees, patch.control_points, weights)
     return [f"patch {k}: weights scaled by {factor:.6g}"]
-
-
-def _factor(own: FloatArray, other: FloatArray) -> float:
-    """How many times the other weights one's own are, in the mean; one where that is beyond all numbers."""
-    with np.errstate(over="ignore", under="ignore"):
-        factor = float((own / other).mean())
-    return factor if 0 < factor < np.inf else 1.0
 
 
 def unproportional(a: FloatArray, b: FloatArray) -> float:
     """By what part of themselves weights differ that are the same up to a factor; 0 for exact multiples only."""
     if np.array_equal(a, b):
         return 0.0
-    with np.errstate(over="ignore", under="ignore"):
-        ratio = a / b
-        apart = float(np.abs(ratio / ratio.mean() - 1).max()) if np.isfinite(ratio).all() else np.inf
-    if not apart <= SAME_WEIGHT:
-        return float(np.nan_to_num(apart, nan=np.inf, posinf=np.inf))
+    ratio = a / b
+    apart = float(np.abs(ratio / ratio.mean() - 1).max())
+    if apart > SAME_WEIGHT:
+        return apart
     x, y = Fraction(float(a[0])), Fraction(float(b[0]))
     exact = all(Fraction(s) * y == Fraction(t) * x for s, t in zip(a.tolist(), b.tolist(), strict=True))
     return 0.0 if exact else max(apart, float(np.finfo(float).eps))

@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ...errors import InputError
+from ...limits import TOO_LARGE, first_unusable
 from ...numeric.arrays import FloatArray
 
 __all__ = ["attribute", "counted", "integer", "integers", "numbers"]
@@ -83,11 +84,9 @@ def numbers(element: Element, where: str) -> FloatArray:
 
 
 def _bounded(values: FloatArray, element: Element, where: str) -> FloatArray:
-    """Return the values if their squares do not overflow; the comparison also refuses NaN."""
-    good = np.abs(values) <= 1e150
-    if not good.all():
-        bad = f"number {int(np.argmin(good)) + 1} ({values[np.argmin(good)]:g})"
-        raise InputError(f"{where}: {bad} in <{element.tag}> is NaN, infinite or above 1e150; correct it")
+    if (wrong := first_unusable(values)) is not None:
+        bad = f"number {wrong + 1} ({values[wrong]:g})"
+        raise InputError(f"{where}: {bad} in <{element.tag}> is NaN, infinite or {TOO_LARGE}; correct it")
     return values
 
 

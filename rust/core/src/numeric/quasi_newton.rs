@@ -54,16 +54,21 @@ impl Memory {
     }
 
     /// Replace `x` by the corrected inverse times `x`; `solve` does so for the factorization alone.
-    pub fn apply(&mut self, x: &mut [f64], solve: impl FnOnce(&mut [f64])) {
+    pub fn apply<E>(
+        &mut self,
+        x: &mut [f64],
+        solve: impl FnOnce(&mut [f64]) -> Result<(), E>,
+    ) -> Result<(), E> {
         for pair in self.pairs.iter_mut().rev() {
             pair.alpha = dot(&pair.step, x) / pair.curvature;
             add(x, -pair.alpha, &pair.change);
         }
-        solve(x);
+        solve(x)?;
         for pair in &self.pairs {
             let beta = dot(&pair.change, x) / pair.curvature;
             add(x, pair.alpha - beta, &pair.step);
         }
+        Ok(())
     }
 }
 
@@ -83,7 +88,7 @@ mod tests {
                 return count;
             }
             let mut direction: Vec<f64> = g.iter().map(|g| -g).collect();
-            memory.apply(&mut direction, |_| ());
+            memory.apply(&mut direction, |_| Ok::<(), ()>(())).unwrap();
             assert!(dot(&direction, &g) < 0.0);
             let curvature: f64 = direction.iter().zip(diagonal).map(|(d, a)| a * d * d).sum();
             let length = -dot(&direction, &g) / curvature;
@@ -108,7 +113,11 @@ mod tests {
         memory.learn(&[1.0, 2.0, 0.0], 0.5, &[0.0; 3], &[1.0, 3.0, -1.0]);
         memory.learn(&[0.0, 1.0, 1.0], 1.0, &[1.0, 3.0, -1.0], &[1.5, 4.0, 0.5]);
         let mut x = vec![0.5, 1.0, 1.5];
-        memory.apply(&mut x, |x| x.iter_mut().for_each(|v| *v *= 0.3));
+        let solve = |x: &mut [f64]| {
+            x.iter_mut().for_each(|v| *v *= 0.3);
+            Ok::<(), ()>(())
+        };
+        memory.apply(&mut x, solve).unwrap();
         for (x, s) in x.iter().zip([0.0, 1.0, 1.0]) {
             assert!((x - s).abs() < 1e-14);
         }

@@ -11,8 +11,10 @@ use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
+use faer::traits::RealField;
 use faer::{Conj, MatMut, Par, Side};
-pub use nalgebra_sparse::{CooMatrix, CscMatrix};
+pub use nalgebra_sparse::{CooMatrix, CscMatrix, CsrMatrix};
+use std::sync::Arc;
 use thiserror::Error;
 
 /// Number of what is fixed among unknowns, and place of an entry with it among the values of a pattern: none.
@@ -29,44 +31,53 @@ pub enum SparseError {
     Failed(String),
 }
 
-/// Cholesky factorization `A = L Lᵀ` of matrices that share one sparsity pattern.
-pub struct Cholesky {
+/// The symbolic part of a factorization, which matrices with the same sparsity pattern share.
+pub struct Symbolic {
     pattern: SymbolicSparseColMat<u32>,
-    symbolic: SymbolicCholesky<u32>,
-    factor: Vec<f64>,
-    scratch: MemBuffer,
+    factor: SymbolicCholesky<u32>,
+}
+
+/// Cholesky factorization `A = L Lᵀ` of matrices that share one sparsity pattern, in double or single precision.
+pub struct Cholesky<T = f64> {
+    symbolic: Arc<Symbolic>,
+    factor: Vec<T>,
+    scratch: Option<MemBuffer>,
 }
 
 // faer's own threads never paid on the sizes measured, and sequential runs are bit-reproducible.
 const PAR: Par = Par::Seq;
 
-impl Cholesky {
+impl Symbolic {
     /// Analyse a pattern: the upper triangle in compressed columns, row indices sorted.
     ///
     /// `ordering[k]` is the row eliminated k-th; `None` lets faer choose by approximate minimum degree.
-    pub fn analyse(
+    pub fn new(
         column_offsets: &[usize],
         row_indices: &[usize],
         ordering: Option<&[usize]>,
     ) -> Result<Self, SparseError> {
-        let n = column_offsets.len() - 1;
-        let failed = |e: &dyn std::fmt::Debug| SparseError::Failed(format!("{e:?}"));
         let narrow = |v: &[usize]| -> Result<Vec<u32>, SparseError> {
             v.iter().map(|&i| u32::try_from(i).map_err(|e| failed(&e))).collect()
         };
-        let pattern =
-            SymbolicSparseColMat::new_checked(n, n, narrow(column_offsets)?, None, narrow(row_indices)?);
-        let permutation = match ordering {
-            None => None,
-            Some(order) => {
-                let forward = narrow(order)?;
-                let mut inverse = vec![0_u32; n];
-                for (k, &i) in forward.iter().enumerate() {
-                    inverse[i as usize] = k as u32;
-                }
-                Some(Perm::new_checked(forward.into_boxed_slice(), inverse.into_boxed_slice(), n))
+        Self::narrow(narrow(column_offsets)?, narrow(row_indices)?, ordering)
+    }
+
+    /// [`Self::new`] of indices that are narrow already.
+    pub(crate) fn narrow(
+        offsets: Vec<u32>,
+        rows: Vec<u32>,
+        ordering: Option<&[usize]>,
+    ) -> Result<Self, SparseError> {
+        let n = offsets.len() - 1;
+        let pattern = SymbolicSparseColMat::new_checked(n, n, offsets, None, rows);
+        let permutation = ordering.map(|order| {
+            let forward: Vec<u32> = order.iter().map(|&i| i as u32).collect();
+            let mut inverse = vec![0_u32; n];
+            for (k, &i) in forward.iter().enumerate() {
+                inverse[i as usize] = k as u32;
             }
-        };
+            Perm::new_checked(forward.into_boxed_slice(), inverse.into_boxed_slice(), n)
+        });
         let choice = match &permutation {
             None => SymmetricOrdering::Amd,
             Some(p) => SymmetricOrdering::Custom(p.as_ref()),
@@ -75,35 +86,59 @@ impl Cholesky {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
             ..Default::default()
         };
-        let symbolic = factorize_symbolic_cholesky(pattern.as_ref(), Side::Upper, choice, params)
+        let factor = factorize_symbolic_cholesky(pattern.as_ref(), Side::Upper, choice, params)
             .map_err(|e| failed(&e))?;
-        let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(PAR, Default::default());
-        let factor = vec![0.0; symbolic.len_val()];
-        Ok(Self { pattern, symbolic, factor, scratch: MemBuffer::new(scratch) })
+        Ok(Self { pattern, factor })
+    }
+}
+
+fn failed(error: &dyn std::fmt::Debug) -> SparseError {
+    SparseError::Failed(format!("{error:?}"))
+}
+
+impl Cholesky {
+    /// Analyse a pattern as [`Symbolic::new`] does, for one matrix at a time.
+    pub fn analyse(
+        column_offsets: &[usize],
+        row_indices: &[usize],
+        ordering: Option<&[usize]>,
+    ) -> Result<Self, SparseError> {
+        Ok(Self::new(Arc::new(Symbolic::new(column_offsets, row_indices, ordering)?)))
+    }
+}
+
+impl<T: RealField> Cholesky<T> {
+    /// Prepare for matrices of a pattern; memory for the factor is taken with the first of them.
+    pub fn new(symbolic: Arc<Symbolic>) -> Self {
+        Self { symbolic, factor: vec![], scratch: None }
     }
 
     /// Dimension of the matrix.
     pub fn dimension(&self) -> usize {
-        self.symbolic.nrows()
+        self.symbolic.factor.nrows()
     }
 
     /// Position of every diagonal entry among the values of the pattern.
     pub fn diagonal(&self) -> Vec<usize> {
-        let offsets = self.pattern.col_ptr();
+        let offsets = self.symbolic.pattern.col_ptr();
         (0..self.dimension()).map(|j| offsets[j + 1] as usize - 1).collect()
     }
 
     /// Factorize the matrix whose upper-triangle values, in the order of the pattern, are `values`.
-    pub fn factorize(&mut self, values: &[f64]) -> Result<(), SparseError> {
-        let matrix = SparseColMatRef::new(self.pattern.as_ref(), values);
-        self.symbolic
+    pub fn factorize(&mut self, values: &[T]) -> Result<(), SparseError> {
+        let Symbolic { pattern, factor } = &*self.symbolic;
+        self.factor.resize(factor.len_val(), T::zero_impl());
+        let scratch = self.scratch.get_or_insert_with(|| {
+            MemBuffer::new(factor.factorize_numeric_llt_scratch::<T>(PAR, Default::default()))
+        });
+        factor
             .factorize_numeric_llt(
                 &mut self.factor,
-                matrix,
+                SparseColMatRef::new(pattern.as_ref(), values),
                 Side::Upper,
                 LltRegularization::default(),
                 PAR,
-                MemStack::new(&mut self.scratch),
+                MemStack::new(scratch),
                 Default::default(),
             )
             .map(|_| ())
@@ -115,15 +150,16 @@ impl Cholesky {
     /// Solve in place for right-hand sides stored column after column (`rhs.len()` a multiple of the dimension).
     ///
     /// A factorization must have succeeded before.
-    pub fn solve(&self, rhs: &mut [f64]) {
+    pub fn solve(&self, rhs: &mut [T]) {
         let n = self.dimension();
         if n == 0 {
             return;
         }
         let columns = rhs.len() / n;
         assert_eq!(columns * n, rhs.len(), "right-hand side length must be a multiple of the dimension");
-        let mut scratch = MemBuffer::new(self.symbolic.solve_in_place_scratch::<f64>(columns, PAR));
-        LltRef::new(&self.symbolic, &self.factor).solve_in_place_with_conj(
+        let symbolic = &self.symbolic.factor;
+        let mut scratch = MemBuffer::new(symbolic.solve_in_place_scratch::<T>(columns, PAR));
+        LltRef::new(symbolic, &self.factor).solve_in_place_with_conj(
             Conj::No,
             MatMut::from_column_major_slice_mut(rhs, n, columns),
             PAR,
@@ -140,6 +176,11 @@ pub fn upper_triangle(matrix: &CscMatrix<f64>) -> CscMatrix<f64> {
 /// `Zᵀ A Z` for a symmetric `A` given in full; `Z` maps the reduced unknowns to the full ones.
 pub fn congruence(a: &CscMatrix<f64>, z: &CscMatrix<f64>) -> CscMatrix<f64> {
     &z.transpose() * &(a * z)
+}
+
+/// `Zᵀ Z`.
+pub fn gram(z: &CscMatrix<f64>) -> CscMatrix<f64> {
+    &z.transpose() * z
 }
 
 /// `y = A x` for dense `x` with `columns` interleaved components a row.

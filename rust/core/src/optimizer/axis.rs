@@ -1,6 +1,6 @@
 //! One parameter direction: spline bases at given nodes, laid out for sum factorisation.
 
-use crate::spline::{basis_on_span, spans};
+use crate::spline::basis_on_span;
 
 /// Basis functions and derivatives at single nodes, each in the span named with it.
 pub(crate) struct Sampling {
@@ -60,11 +60,18 @@ pub(crate) fn jacobians(u: &Sampling, v: &Sampling, net: &[[f64; 2]], n_v: usize
     out
 }
 
-/// The span that sees `t`: the one that ends there for the last node of a span, else the one that holds it.
-pub(crate) fn span_of(knots: &[f64], degree: usize, t: f64, from_below: bool) -> usize {
-    let all = spans(knots, degree);
-    let below = |&&s: &&usize| if from_below { knots[s] < t } else { knots[s] <= t };
-    *all.iter().rev().find(below).unwrap_or(&degree)
+/// The span that sees `t` among all `spans` of the knots: the one that ends there for the last node of a span, else the
+/// one that holds it.
+pub(crate) fn span_of(knots: &[f64], spans: &[usize], t: f64, from_below: bool) -> usize {
+    let before = spans.partition_point(|&s| if from_below { knots[s] < t } else { knots[s] <= t });
+    spans[before.max(1) - 1]
+}
+
+/// What an axis is for: only the tables of its direction are made, which are most of it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Direction {
+    First,
+    Second,
 }
 
 /// Some consecutive spans of a direction, with the same number of nodes each.
@@ -92,14 +99,15 @@ pub(crate) struct Axis {
 
 impl Axis {
     /// At the `nodes` of the `spans`, span after span.
-    pub fn new(knots: &[f64], degree: usize, spans: &[usize], nodes: &[f64]) -> Self {
+    pub fn new(knots: &[f64], degree: usize, spans: &[usize], nodes: &[f64], direction: Direction) -> Self {
         let (n, per_span) = (degree + 1, nodes.len() / spans.len());
         let at: Vec<(f64, usize)> =
             nodes.iter().enumerate().map(|(i, &t)| (t, spans[i / per_span])).collect();
         let Sampling { values, slopes, .. } = Sampling::new(knots, degree, &at);
         let padded = (n * n).next_multiple_of(4);
-        let mut products = vec![0.0; nodes.len() * 4 * padded];
-        for node in 0..nodes.len() {
+        let first_direction = direction == Direction::First;
+        let mut products = vec![0.0; if first_direction { nodes.len() * 4 * padded } else { 0 }];
+        for node in (0..nodes.len()).filter(|_| first_direction) {
             let tables = [&slopes[node * n..][..n], &values[node * n..][..n]];
             for kl in 0..4 {
                 for ab in 0..n * n {
@@ -108,7 +116,7 @@ impl Axis {
             }
         }
         let mut pairs = vec![];
-        for span in 0..spans.len() {
+        for span in (0..spans.len()).filter(|_| !first_direction) {
             for kl in 0..4 {
                 for a in 0..n {
                     for b in a..n {

@@ -5,7 +5,7 @@
 
 use crate::numeric::lanes::WIDTH;
 use crate::numeric::quadrature::{gauss, lobatto};
-use crate::optimizer::axis::{Axis, Sampling, jacobians, span_of};
+use crate::optimizer::axis::{Axis, Direction, Sampling, jacobians, span_of};
 use crate::spline::{SplinePatch, spans};
 use thiserror::Error;
 
@@ -44,7 +44,7 @@ pub(crate) struct Strip {
 /// Nodes of a strip under one quadrature rule.
 #[derive(Clone)]
 pub(crate) struct Nodes {
-    /// Index of the axes.
+    /// Index of the axes, of which strips of a patch share the second.
     pub u: usize,
     pub v: usize,
     /// Nodes in a row, rounded up to whole [`crate::numeric::lanes::Lanes`].
@@ -71,8 +71,8 @@ pub struct Elements {
     pub(crate) nodes: Vec<Nodes>,
     /// Other nodes for the Hessian.
     pub(crate) hessian_nodes: Option<Vec<Nodes>>,
-    /// Where the nodes lie in the spline space of the reference map, for [`Self::set_base`].
-    samplings: Vec<[Sampling; 2]>,
+    /// Nodes of the axes in the spline space of the reference map.
+    samplings: Vec<Sampling>,
 }
 
 /// Quadrature of one direction: nodes and weights on [-1, 1].
@@ -124,8 +124,14 @@ impl Elements {
         let extra_weight = 0.3 * total / used.max(1) as f64;
         for &(k, u, v) in extra {
             let patch = &reference[k];
-            let span = |axis: usize, t: f64| span_of(&space.knots[k][axis], patch.degrees[axis], t, false);
-            out.push(patch, k, space, [&[span(0, u)], &[span(1, v)]], [&[u], &[v]], |_, _, _| extra_weight)?;
+            let span = |axis: usize, t: f64| {
+                let knots = &space.knots[k][axis];
+                span_of(knots, &spans(knots, patch.degrees[axis]), t, false)
+            };
+            let second = out.push_axis(patch, k, space, Direction::Second, &[span(1, v)], &[v]);
+            out.push(patch, k, space, [&[span(0, u)], &[span(1, v)]], [&[u], &[v]], second, |_, _, _| {
+                extra_weight
+            })?;
         }
         let (total, _) = weights(&out.nodes);
         out.nodes.iter_mut().for_each(|n| n.scale_weights(1.0 / total));
@@ -192,6 +198,7 @@ impl Elements {
             }
             (list, nodes, weights)
         });
+        let second = self.push_axis(patch, k, space, Direction::Second, &spans_v, &v);
         let (per_u, strips) = (u.len() / spans_u.len(), spans_u.len().div_ceil(STRIP));
         for s in 0..strips {
             let (from, to) = (s * spans_u.len() / strips, (s + 1) * spans_u.len() / strips);
@@ -199,12 +206,36 @@ impl Elements {
             let weight = |i: usize, j: usize, det: f64| {
                 if skip(nodes[i], v[j]) { 0.0 } else { wu[offset + i] * wv[j] * det.abs() }
             };
-            self.push(patch, k, space, [&spans_u[from..to], &spans_v], [nodes, &v], weight)?;
+            self.push(patch, k, space, [&spans_u[from..to], &spans_v], [nodes, &v], second, weight)?;
         }
         Ok(())
     }
 
-    /// Add a strip with its nodes; `weight(i, j, det J)` is 0 for nodes to be left out.
+    /// Add an axis with its nodes, for as many strips as use it.
+    fn push_axis(
+        &mut self,
+        patch: &SplinePatch,
+        k: usize,
+        space: &Space,
+        direction: Direction,
+        on: &[usize],
+        nodes: &[f64],
+    ) -> usize {
+        let axis = usize::from(direction == Direction::Second);
+        let (knots, degree, per_span) = (&space.knots[k][axis], patch.degrees[axis], nodes.len() / on.len());
+        let all = spans(&patch.knots[axis], degree);
+        let place = |(i, &t): (usize, &f64)| {
+            let from_below = t == knots[on[i / per_span] + 1] && per_span > 1;
+            (t, span_of(&patch.knots[axis], &all, t, from_below))
+        };
+        let at: Vec<(f64, usize)> = nodes.iter().enumerate().map(place).collect();
+        self.samplings.push(Sampling::new(&patch.knots[axis], degree, &at));
+        self.axes.push(Axis::new(knots, degree, on, nodes, direction));
+        self.axes.len() - 1
+    }
+
+    /// Add a strip with its nodes and its second axis; `weight(i, j, det J)` is 0 for nodes to be left out.
+    #[allow(clippy::too_many_arguments)]
     fn push(
         &mut self,
         patch: &SplinePatch,
@@ -212,22 +243,12 @@ impl Elements {
         space: &Space,
         spans: [&[usize]; 2],
         nodes: [&[f64]; 2],
+        second: usize,
         weight: impl Fn(usize, usize, f64) -> f64,
     ) -> Result<(), ElementError> {
-        let sampling: [Sampling; 2] = std::array::from_fn(|axis| {
-            let per_span = nodes[axis].len() / spans[axis].len();
-            let knots = &space.knots[k][axis];
-            let at: Vec<(f64, usize)> = nodes[axis]
-                .iter()
-                .enumerate()
-                .map(|(i, &t)| {
-                    let from_below = t == knots[spans[axis][i / per_span] + 1] && per_span > 1;
-                    (t, span_of(&patch.knots[axis], patch.degrees[axis], t, from_below))
-                })
-                .collect();
-            Sampling::new(&patch.knots[axis], patch.degrees[axis], &at)
-        });
-        let reference = jacobians(&sampling[0], &sampling[1], &patch.points, patch.shape[1]);
+        let first = self.push_axis(patch, k, space, Direction::First, spans[0], nodes[0]);
+        let samplings = [first, second].map(|axis| &self.samplings[axis]);
+        let reference = jacobians(samplings[0], samplings[1], &patch.points, patch.shape[1]);
         let (m, columns) = (nodes[0].len(), nodes[0].len().next_multiple_of(WIDTH));
         let mut planes = vec![0.0; nodes[1].len() * 5 * columns];
         for (at, &[a, b, c, d]) in reference.iter().enumerate() {
@@ -245,8 +266,7 @@ impl Elements {
                 }
             }
         }
-        let axis = |a: usize| Axis::new(&space.knots[k][a], patch.degrees[a], spans[a], nodes[a]);
-        let (u, v) = (axis(0), axis(1));
+        let (u, v) = (&self.axes[first], &self.axes[second]);
         let n_v = space.knots[k][1].len() - patch.degrees[1] - 1;
         let corner = [spans[0][0] - patch.degrees[0], spans[1][0] - patch.degrees[1]];
         let mut points = Vec::with_capacity(u.functions * v.functions);
@@ -254,9 +274,7 @@ impl Elements {
             points.extend((0..u.functions).map(|i| space.indices[k][(corner[0] + i) * n_v + corner[1] + j]));
         }
         self.strips.push(Strip { patch: k, shape: [u.functions, v.functions], points });
-        self.nodes.push(Nodes { u: self.axes.len(), v: self.axes.len() + 1, columns, planes, base: vec![] });
-        self.axes.extend([u, v]);
-        self.samplings.push(sampling);
+        self.nodes.push(Nodes { u: first, v: second, columns, planes, base: vec![] });
         Ok(())
     }
 
@@ -264,27 +282,26 @@ impl Elements {
     pub(crate) fn set_base(&mut self, reference: &[SplinePatch], indices: &[Vec<u32>], x: &[[f64; 2]]) {
         let nets: Vec<Vec<[f64; 2]>> =
             indices.iter().map(|list| list.iter().map(|&i| x[i as usize]).collect()).collect();
-        let strips = &self.strips;
-        let fill = |nodes: &mut Nodes, s: usize, [u, v]: &[Sampling; 2]| {
-            let k = strips[s].patch;
-            let (m, rows) = (u.first.len(), v.first.len());
-            nodes.base.clear();
-            nodes.base.resize(rows * 4 * nodes.columns, 0.0);
-            for (at, j) in jacobians(u, v, &nets[k], reference[k].shape[1]).iter().enumerate() {
-                for plane in 0..4 {
-                    nodes.base[((at / m) * 4 + plane) * nodes.columns + at % m] = j[plane];
+        let (strips, samplings) = (&self.strips, &self.samplings);
+        for list in [Some(&mut self.nodes), self.hessian_nodes.as_mut()].into_iter().flatten() {
+            for (strip, nodes) in strips.iter().zip(list) {
+                let (u, v) = (&samplings[nodes.u], &samplings[nodes.v]);
+                let (m, k) = (u.first.len(), strip.patch);
+                nodes.base.clear();
+                nodes.base.resize(v.first.len() * 4 * nodes.columns, 0.0);
+                for (at, j) in jacobians(u, v, &nets[k], reference[k].shape[1]).iter().enumerate() {
+                    for plane in 0..4 {
+                        nodes.base[((at / m) * 4 + plane) * nodes.columns + at % m] = j[plane];
+                    }
                 }
             }
-        };
-        for (s, nodes) in self.nodes.iter_mut().enumerate() {
-            fill(nodes, s, &self.samplings[s]);
         }
-        if let Some(list) = &mut self.hessian_nodes {
-            let regular = self.samplings.len() - self.nodes.len();
-            for (s, nodes) in list.iter_mut().enumerate() {
-                let at = if s < regular { self.nodes.len() + s } else { s };
-                fill(nodes, s, &self.samplings[at]);
-            }
+    }
+
+    /// Give the memory of [`Self::set_base`] back until it is called again.
+    pub(crate) fn drop_base(&mut self) {
+        for nodes in [Some(&mut self.nodes), self.hessian_nodes.as_mut()].into_iter().flatten().flatten() {
+            nodes.base = vec![];
         }
     }
 

@@ -129,7 +129,7 @@ impl Evaluator {
         self.sweep(x, parameters, Order::Dirichlet, |s, _, b| assembly.scatter_gradient(s, b, gradient));
     }
 
-    /// Values of the Hessian's upper triangle.
+    /// Values of the Hessian's blocks.
     pub fn hessian(
         &mut self,
         x: &[[f64; 2]],
@@ -142,7 +142,7 @@ impl Evaluator {
         self.sweep(x, parameters, Order::Hessian(kind), |s, e, b| assembly.scatter(s, e, b, values));
     }
 
-    /// Values of the upper triangle of the Laplacian on the reference map, one component.
+    /// Values of the Laplacian on the reference map, one for every block.
     pub fn stiffness(&mut self, assembly: &Assembly, values: &mut [f64]) {
         values.fill(0.0);
         let parameters = Parameters { scale: 1.0, eps: 1.0, lambda: 0.0 };

@@ -6,27 +6,36 @@
 
 mod assembly;
 mod axis;
+mod blocks;
 mod coarse;
+mod conjugate_gradients;
 pub mod elements;
 mod evaluation;
+mod laplacian;
 mod linearised;
 mod newton;
 mod ordering;
+mod preconditioner;
+mod reduced;
 mod settled;
 mod strip_kernel;
+mod systems;
 
-use crate::numeric::sparse::{Cholesky, CscMatrix, SparseError};
-use crate::optimizer::assembly::{Assembly, Reduced};
+use crate::numeric::sparse::{CscMatrix, SparseError};
+use crate::optimizer::assembly::Assembly;
 use crate::optimizer::coarse::{Coarse, coarsen};
 use crate::optimizer::elements::{ElementError, Elements, ExtraNode, Space};
 use crate::optimizer::evaluation::Evaluator;
+use crate::optimizer::laplacian::Laplacian;
 use crate::optimizer::linearised::Place;
 pub use crate::optimizer::linearised::{Field, Motions};
 use crate::optimizer::newton::{EPS_FEASIBLE, NewtonProblem};
 pub use crate::optimizer::newton::{Outcome, Settings, Step, Stop};
 use crate::optimizer::ordering::{Net, nested_dissection};
+use crate::optimizer::reduced::Reduced;
 pub use crate::optimizer::settled::Settled;
 use crate::optimizer::strip_kernel::{Parameters, Summary};
+use crate::optimizer::systems::Systems;
 use crate::spline::SplinePatch;
 use std::cell::Cell;
 use std::ops::ControlFlow;
@@ -36,6 +45,9 @@ use thiserror::Error;
 const FEWER_NODES_FROM: usize = 300;
 /// Free points from which interfaces and patches are dissected; below, minimum degree is as good and simpler.
 const DISSECT_FROM: usize = 2_000;
+/// Unknown points from which systems are solved by conjugate gradients: at 6,784 they and their preconditioner take
+/// 0.4 of the factorization's time, at 26,368 and 1e5 a third of it; below there is little to be won.
+const ITERATE_FROM: usize = 5_000;
 /// Free points from which coarser spaces are solved first, and of the coarsest at least.
 const COARSE_FROM: usize = 1_000;
 const COARSEST: usize = 60;
@@ -80,7 +92,7 @@ pub struct SplineOptimizer {
     /// Coarser spaces, the coarsest last.
     coarser: Vec<(Coarse, NewtonProblem)>,
     /// Factorization of the Laplacian over the unknowns, once it was asked for.
-    laplacian: Option<Cholesky>,
+    laplacian: Option<Laplacian>,
     /// Where the Hessian is factorized, if that is what was factorized last.
     linearised: Option<Place>,
     /// The last map whose determinants were asked for.
@@ -175,30 +187,26 @@ impl SplineOptimizer {
             residual = vec![0.0; 2 * reduced.z.ncols()];
             reduced.gather(&full, &mut residual);
         }
-        let m = residual.len() / 2;
-        if m == 0 {
+        if residual.is_empty() {
             return Ok(x.to_vec());
         }
-        if self.laplacian.is_none() {
-            let mut values = vec![0.0; problem.assembly.neighbours.len()];
-            problem.evaluator.stiffness(&problem.assembly, &mut values);
-            let (offsets, rows, values) = match &problem.reduced {
-                None => {
-                    let rows = problem.assembly.neighbours.iter().map(|&r| r as usize).collect();
-                    (problem.assembly.columns.clone(), rows, values)
+        let pattern = problem.reduced.as_ref().map_or(&problem.assembly.pattern, |r| &r.pattern);
+        let laplacian = match &mut self.laplacian {
+            Some(known) => known,
+            none => {
+                let mut values = vec![0.0; problem.assembly.pattern.blocks()];
+                problem.evaluator.stiffness(&problem.assembly, &mut values);
+                if let Some(reduced) = &problem.reduced {
+                    values = reduced.scalar_congruence(&values);
                 }
-                Some(reduced) => reduced.scalar_congruence(&problem.assembly, &values),
-            };
-            let order = problem.order.as_deref();
-            let mut cholesky = Cholesky::analyse(&offsets, &rows, order)?;
-            cholesky.factorize(&values)?;
-            self.laplacian = Some(cholesky);
-        }
-        let mut rhs: Vec<f64> = (0..2 * m).map(|k| -residual[k % m * 2 + k / m]).collect();
-        self.laplacian.as_ref().expect("just made").solve(&mut rhs);
-        let interleaved: Vec<f64> = (0..2 * m).map(|k| rhs[k % 2 * m + k / 2]).collect();
+                let large = problem.systems.are_large();
+                none.insert(Laplacian::new(problem.systems.scalar(pattern)?, pattern, values, large)?)
+            }
+        };
+        residual.iter_mut().for_each(|r| *r = -*r);
+        laplacian.solve(pattern, &mut residual)?;
         let mut out = x.to_vec();
-        problem.move_points(&mut out, &interleaved, 1.0);
+        problem.move_points(&mut out, &residual, 1.0);
         Ok(out)
     }
 
@@ -282,6 +290,9 @@ impl SplineOptimizer {
                 };
                 correction = found.points;
             }
+            if problem.systems.are_large() {
+                problem.evaluator.elements.drop_base();
+            }
             correction = match level {
                 0 => space.prolong(&correction, &self.model.indices, self.model.n_points),
                 _ => {
@@ -321,20 +332,16 @@ impl Model {
         }
         let assembly = Assembly::new(&elements, n_points, &free);
         let points = (free.len() >= DISSECT_FROM).then(|| self.order(space, &assembly.free_of, free.len()));
-        let (reduced, offsets, rows, order) = match z {
-            None => (None, None, None, points),
+        let (reduced, order) = match z {
+            None => (None, points),
             Some(z) => {
                 let order = points.map(|points| order_of_columns(&z, &points));
-                let (reduced, offsets, rows) = Reduced::new(z, &assembly);
-                (Some(reduced), Some(offsets), Some(rows), order)
+                (Some(Reduced::new(z, &assembly.pattern)), order)
             }
         };
-        let pairs: Option<Vec<usize>> =
-            order.as_ref().map(|o| o.iter().flat_map(|&i| [2 * i, 2 * i + 1]).collect());
-        let (offsets, rows) =
-            (offsets.as_ref().unwrap_or(&assembly.offsets), rows.as_ref().unwrap_or(&assembly.rows));
-        let cholesky = Cholesky::analyse(offsets, rows, pairs.as_deref())?;
-        Ok(NewtonProblem::new(Evaluator::new(elements), assembly, free, reduced, cholesky, order))
+        let pattern = reduced.as_ref().map_or(&assembly.pattern, |r: &Reduced| &r.pattern);
+        let systems = Systems::new(pattern, order, pattern.points() >= ITERATE_FROM)?;
+        Ok(NewtonProblem::new(Evaluator::new(elements), assembly, free, reduced, systems))
     }
 
     fn order(&self, space: &Space, free_of: &[u32], n_free: usize) -> Vec<usize> {

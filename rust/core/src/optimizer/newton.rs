@@ -5,10 +5,13 @@
 
 use crate::distortion::{EXACT_BELOW, HessianKind};
 use crate::numeric::quasi_newton::Memory;
-use crate::numeric::sparse::{Cholesky, SparseError};
-use crate::optimizer::assembly::{Assembly, Reduced};
+use crate::numeric::sparse::SparseError;
+use crate::optimizer::assembly::Assembly;
+use crate::optimizer::blocks::BlockPattern;
 use crate::optimizer::evaluation::Evaluator;
+use crate::optimizer::reduced::Reduced;
 use crate::optimizer::strip_kernel::{Parameters, Summary};
+use crate::optimizer::systems::{Accuracy, Systems};
 use std::ops::ControlFlow;
 
 /// ε once every node is fold-free: small enough to be a barrier, large enough to divide by.
@@ -38,9 +41,6 @@ const LONGEST: f64 = 8.0;
 const SUFFICIENT: f64 = 1e-4;
 /// Part of a Newton step below which the energy changes by rounding.
 const SHORTEST: f64 = 1e-8;
-/// Part of its mean by which the diagonal is lifted where the Hessian is definite but for rounding: far above what a
-/// factorization loses, and far below what would slow a step down.
-const LIFT: f64 = 1e-9;
 
 /// Settings of [`crate::optimizer::SplineOptimizer::minimise`].
 #[derive(Clone, Copy, Debug)]
@@ -105,9 +105,7 @@ pub(crate) struct NewtonProblem {
     pub assembly: Assembly,
     pub free: Vec<usize>,
     pub reduced: Option<Reduced>,
-    /// Elimination order of the unknown points; by minimum degree if there is none.
-    pub order: Option<Vec<usize>>,
-    cholesky: Cholesky,
+    pub systems: Systems,
     /// Values of the Hessian over the free points, and over the reduced unknowns.
     values: Vec<f64>,
     reduced_values: Vec<f64>,
@@ -133,6 +131,8 @@ struct Run {
     /// Memory for another iterate.
     trial: Iterate,
     direction: Vec<f64>,
+    /// Decrement relative to the energy at which it ends.
+    tolerance: f64,
     steps: Vec<Step>,
     /// Steps since ε was changed.
     since_eps: usize,
@@ -154,20 +154,17 @@ impl NewtonProblem {
         assembly: Assembly,
         free: Vec<usize>,
         reduced: Option<Reduced>,
-        cholesky: Cholesky,
-        order: Option<Vec<usize>>,
+        systems: Systems,
     ) -> Self {
-        let (values, full_gradient) = (vec![0.0; assembly.rows.len()], vec![0.0; 2 * free.len()]);
-        let reduced_values = reduced.as_ref().map_or(vec![], |r| vec![0.0; r.values]);
+        let full_gradient = vec![0.0; 2 * free.len()];
         Self {
             evaluator,
             assembly,
             free,
             reduced,
-            order,
-            cholesky,
-            values,
-            reduced_values,
+            systems,
+            values: vec![],
+            reduced_values: vec![],
             full_gradient,
             distrust: false,
             memory: Memory::default(),
@@ -175,7 +172,7 @@ impl NewtonProblem {
     }
 
     fn unknowns(&self) -> usize {
-        self.cholesky.dimension()
+        self.systems.unknowns()
     }
 
     /// Minimise from `x`, whose fixed points stay; all Jacobians are multiplied by `scale`.
@@ -186,7 +183,8 @@ impl NewtonProblem {
         settings: Settings,
         observe: &mut Observer,
     ) -> Result<Outcome, SparseError> {
-        let mut run = self.begin(x, Parameters { scale, eps: EPS_FEASIBLE, lambda: settings.lambda });
+        let at = Parameters { scale, eps: EPS_FEASIBLE, lambda: settings.lambda };
+        let mut run = self.begin(x, at, settings.tolerance);
         let stop = loop {
             if self.unknowns() == 0 {
                 break Stop::Converged;
@@ -208,8 +206,9 @@ impl NewtonProblem {
     }
 
     /// The start with its energy, for an ε that sees its folds.
-    fn begin(&mut self, x: &[[f64; 2]], mut at: Parameters) -> Run {
+    fn begin(&mut self, x: &[[f64; 2]], mut at: Parameters, tolerance: f64) -> Run {
         self.distrust = false;
+        self.systems.restart();
         let mut now = self.iterate(x.to_vec(), at);
         if now.summary.min_det <= 0.0 {
             at.eps = eps_for(now.summary.min_det);
@@ -217,7 +216,7 @@ impl NewtonProblem {
         }
         let trial = Iterate { x: x.to_vec(), summary: now.summary, gradient: now.gradient.clone() };
         let direction = vec![0.0; self.unknowns()];
-        Run { at, now, trial, direction, steps: vec![], since_eps: 0, usable: false }
+        Run { at, now, trial, direction, tolerance, steps: vec![], since_eps: 0, usable: false }
     }
 
     /// Newton's direction, by the last factorization where that will do, and the step that it promises.
@@ -229,10 +228,10 @@ impl NewtonProblem {
         if fresh {
             self.factorize(&run.now, run.at, near(EXACT_BELOW))?;
         }
-        let mut slope = self.solve(&run.now.gradient, &mut run.direction);
+        let mut slope = self.direct(run)?;
         if kept && last.is_some_and(|s| -slope > KEEP_WHILE * s.decrement * s.energy) {
             self.factorize(&run.now, run.at, true)?;
-            slope = self.solve(&run.now.gradient, &mut run.direction);
+            slope = self.direct(run)?;
             fresh = true;
         }
         let Summary { energy, min_det, .. } = run.now.summary;
@@ -350,27 +349,24 @@ impl NewtonProblem {
         self.evaluate(&mut run.trial, run.at);
     }
 
-    /// Factorize the Hessian: as it is if `exact` and that is positive definite, else projected.
+    /// Prepare the Hessian: as it is if `exact` and that is positive definite, else projected.
     fn factorize(&mut self, now: &Iterate, at: Parameters, exact: bool) -> Result<(), SparseError> {
         // Near folds the energy is sharp: there the cheaper quadrature of the Hessian is not used.
         self.evaluator.fewer_nodes = now.summary.min_det > SHARP && !self.distrust;
         self.memory.clear();
-        for kind in [HessianKind::Exact, HessianKind::Projected] {
-            if kind == HessianKind::Exact && !exact {
-                continue;
-            }
-            self.evaluator.hessian(&now.x, at, kind, &self.assembly, &mut self.values);
-            match self.factorize_values() {
+        if exact {
+            match self.assemble(now, at, HessianKind::Exact) {
                 Err(SparseError::NotPositiveDefinite(_)) => {}
                 other => return other,
             }
         }
-        // The projected Hessian is definite but for rounding: lift the diagonal a little.
-        let diagonal = self.cholesky.diagonal();
-        let values = if self.reduced.is_some() { &mut self.reduced_values } else { &mut self.values };
-        let mean = diagonal.iter().map(|&k| values[k]).sum::<f64>() / diagonal.len() as f64;
-        diagonal.iter().for_each(|&k| values[k] += LIFT * mean);
-        self.cholesky.factorize(values)
+        self.assemble(now, at, HessianKind::Projected)
+    }
+
+    fn assemble(&mut self, now: &Iterate, at: Parameters, kind: HessianKind) -> Result<(), SparseError> {
+        let sure = kind == HessianKind::Projected;
+        let (systems, pattern, values) = self.hessian(&now.x, at, kind);
+        systems.prepare(pattern, values, sure)
     }
 
     /// Factorize the Hessian at `x` on all nodes, as it is.
@@ -382,30 +378,57 @@ impl NewtonProblem {
     ) -> Result<(), SparseError> {
         self.evaluator.fewer_nodes = false;
         self.memory.clear();
-        self.evaluator.hessian(x, at, kind, &self.assembly, &mut self.values);
-        self.factorize_values()
+        let (systems, pattern, values) = self.hessian(x, at, kind);
+        systems.prepare_direct(pattern, values)
     }
 
-    fn factorize_values(&mut self) -> Result<(), SparseError> {
+    /// Solve by the factorization of [`Self::factorize_all_nodes`], column after column.
+    pub fn solve_columns(&self, rhs: &mut [f64]) {
+        self.systems.solve_columns(rhs);
+    }
+
+    /// The Hessian over the unknowns, and what solves its systems.
+    fn hessian(
+        &mut self,
+        x: &[[f64; 2]],
+        at: Parameters,
+        kind: HessianKind,
+    ) -> (&mut Systems, &BlockPattern, &mut [f64]) {
+        self.values.resize(4 * self.assembly.pattern.blocks(), 0.0);
+        self.evaluator.hessian(x, at, kind, &self.assembly, &mut self.values);
         match &self.reduced {
-            None => self.cholesky.factorize(&self.values),
+            None => (&mut self.systems, &self.assembly.pattern, &mut self.values),
             Some(reduced) => {
                 reduced.congruence(&self.values, &mut self.reduced_values);
-                self.cholesky.factorize(&self.reduced_values)
+                (&mut self.systems, &reduced.pattern, &mut self.reduced_values)
             }
         }
     }
 
-    /// Solve by the last factorization, column after column.
-    pub fn solve_columns(&self, rhs: &mut [f64]) {
-        self.cholesky.solve(rhs);
+    /// Newton's direction by the Hessian prepared last, or the projected one if that turns out indefinite.
+    fn direct(&mut self, run: &mut Run) -> Result<f64, SparseError> {
+        match self.solve(run) {
+            Err(SparseError::NotPositiveDefinite(_)) => {
+                self.memory.clear();
+                self.assemble(&run.now, run.at, HessianKind::Projected)?;
+                self.solve(run)
+            }
+            other => other,
+        }
     }
 
-    /// Newton direction by the last factorization and what was learnt since, and the energy's slope along it.
-    fn solve(&mut self, gradient: &[f64], direction: &mut [f64]) -> f64 {
+    /// The direction by the last Hessian and what was learnt since, and the energy's slope along it.
+    fn solve(&mut self, run: &mut Run) -> Result<f64, SparseError> {
+        let (gradient, direction) = (&run.now.gradient, &mut run.direction);
+        let accuracy = Accuracy { energy: run.now.summary.energy, tolerance: run.tolerance };
+        let (pattern, values) = match &self.reduced {
+            None => (&self.assembly.pattern, &mut self.values),
+            Some(reduced) => (&reduced.pattern, &mut self.reduced_values),
+        };
         direction.iter_mut().zip(gradient).for_each(|(d, g)| *d = -g);
-        self.memory.apply(direction, |d| self.cholesky.solve(d));
-        gradient.iter().zip(direction.iter()).map(|(g, d)| g * d).sum()
+        let systems = &mut self.systems;
+        self.memory.apply(direction, |d| systems.solve(pattern, values, d, accuracy))?;
+        Ok(gradient.iter().zip(direction.iter()).map(|(g, d)| g * d).sum())
     }
 
     /// `x_free += length · Z d` for unknowns d, components interleaved.

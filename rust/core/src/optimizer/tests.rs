@@ -3,6 +3,8 @@ use crate::distortion::HessianKind;
 use crate::numeric::sparse::CooMatrix;
 use crate::spline::SplinePatch;
 
+mod iterative;
+
 const SETTINGS: Settings = Settings { lambda: 0.3, max_steps: 200, tolerance: 1e-8, scale: None };
 
 /// Two bicubic patches of `spans`² spans side by side, bent: model, free points and the start.
@@ -139,7 +141,12 @@ fn prolongation_keeps_the_map() {
     for (k, patch) in model.reference.iter().enumerate() {
         let value = |knots: &[Vec<f64>; 2], index: &[u32], x: &[[f64; 2]], t: [f64; 2]| {
             let basis = [0, 1].map(|a| {
-                let span = crate::optimizer::axis::span_of(&knots[a], 3, t[a], false);
+                let span = crate::optimizer::axis::span_of(
+                    &knots[a],
+                    &crate::spline::spans(&knots[a], 3),
+                    t[a],
+                    false,
+                );
                 crate::optimizer::axis::Sampling::new(&knots[a], 3, &[(t[a], span)])
             });
             let n_v = knots[1].len() - 4;

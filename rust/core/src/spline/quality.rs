@@ -3,9 +3,12 @@
 //! Row by row: control points are contracted with the bases along u once for a row, and the curves that this gives
 //! are sampled along v, a knot span at a time. Both ends of every span belong to the grid, each seen from inside.
 
-use crate::numeric::lanes::{Vectorizable, fused, vectorized};
+use crate::numeric::lanes::{Lanes, Vectorizable, WIDTH, fused, vectorized};
 use crate::spline::{SplinePatch, basis_on_span, spans};
 use rayon::prelude::*;
+
+/// Samples a span that are asked for by default.
+const USUAL: usize = 10;
 
 /// Minimum, maximum and sum of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -264,13 +267,66 @@ fn accumulate<const FUSED: bool>(out: &mut [f64], factor: f64, row: &[f64]) {
 /// Sum over the basis functions along v, at all samples.
 #[inline(always)]
 fn along_v<const FUSED: bool>(v: &GridAxis, coefficients: &[f64], basis: &[f64], out: &mut [f64]) {
-    let (order, samples) = (v.degree + 1, v.samples);
-    let blocks = basis.chunks_exact(order * samples).zip(out.chunks_exact_mut(samples));
-    for ((block, out), &first) in blocks.zip(&v.first) {
-        out.fill(0.0);
-        for (functions, &c) in block.chunks_exact(samples).zip(&coefficients[first..first + order]) {
-            accumulate::<FUSED>(out, c, functions);
+    // A loop over ten numbers that is not known to be ten is too short to be made vector instructions of.
+    match v.samples {
+        USUAL => along_v_in::<FUSED, USUAL>(v, coefficients, basis, out),
+        _ => {
+            let (order, samples) = (v.degree + 1, v.samples);
+            let blocks = basis.chunks_exact(order * samples).zip(out.chunks_exact_mut(samples));
+            for ((block, out), &first) in blocks.zip(&v.first) {
+                out.fill(0.0);
+                for (functions, &c) in block.chunks_exact(samples).zip(&coefficients[first..first + order]) {
+                    accumulate::<FUSED>(out, c, functions);
+                }
+            }
         }
+    }
+}
+
+/// [`along_v`] for a number of samples known beforehand.
+#[inline(always)]
+fn along_v_in<const FUSED: bool, const SAMPLES: usize>(
+    v: &GridAxis,
+    coefficients: &[f64],
+    basis: &[f64],
+    out: &mut [f64],
+) {
+    let order = v.degree + 1;
+    let (basis, out) = (basis.as_chunks::<SAMPLES>().0, out.as_chunks_mut::<SAMPLES>().0);
+    for ((block, out), &first) in basis.chunks_exact(order).zip(out).zip(&v.first) {
+        let mut sum = [0.0; SAMPLES];
+        for (functions, &c) in block.iter().zip(&coefficients[first..first + order]) {
+            for k in 0..SAMPLES {
+                sum[k] = fused::<FUSED>(c, functions[k], sum[k]);
+            }
+        }
+        *out = sum;
+    }
+}
+
+/// [`Range`]s of eight interleaved parts of a row.
+struct Ranges {
+    min: Lanes,
+    max: Lanes,
+    sum: Lanes,
+}
+
+impl Ranges {
+    /// Of a row's numbers.
+    #[inline(always)]
+    fn of(row: &[f64]) -> Range {
+        let infinite = Lanes::splat(f64::INFINITY);
+        let mut found = Self { min: infinite, max: -infinite, sum: Lanes::ZERO };
+        let (eights, rest) = row.as_chunks::<WIDTH>();
+        for &eight in eights {
+            let x = Lanes(eight);
+            found.min = x.min(found.min);
+            found.max = x.max(found.max);
+            found.sum = found.sum + x.map(|x| if x < f64::INFINITY { x } else { 0.0 });
+        }
+        let mut out = Range { min: found.min.least(), max: -(-found.max).least(), sum: found.sum.sum() };
+        rest.iter().for_each(|&x| out.add(x));
+        out
     }
 }
 
@@ -307,12 +363,8 @@ impl Vectorizable for Measurement<'_> {
                 (usize::from(skipped.contains(&0)), columns - usize::from(skipped.contains(&(columns - 1))));
             let least = scaled.min;
             // A row's own sums: added up one by one, millions of numbers would lose digits.
-            let (mut s, mut c, mut count) = (Range::EMPTY, Range::EMPTY, 0);
-            for (&x, &k) in row.scaled[from..to].iter().zip(&row.condition[from..to]) {
-                s.add(x);
-                c.add(k);
-                count += usize::from(x > 0.0);
-            }
+            let (s, c) = (Ranges::of(&row.scaled[from..to]), Ranges::of(&row.condition[from..to]));
+            let count = row.scaled[from..to].iter().filter(|&&x| x > 0.0).count();
             (scaled, condition, positive) = (scaled.join(s), condition.join(c), positive + count);
             if s.min < least {
                 let j = (from..to).find(|&j| row.scaled[j] == s.min).unwrap_or(from);
