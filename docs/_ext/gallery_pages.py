@@ -1,9 +1,11 @@
-"""The gallery: order of its scripts, and pictures from figures made without pyplot, as `patchtransfer.plot` does."""
+"""The gallery: order of its scripts, and pictures of figures made without pyplot, as `patchtransfer.plot` does."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+from matplotlib.animation import Animation, PillowWriter
 from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst
 
@@ -23,6 +25,9 @@ ORDER = (
     "batch",
     "poisson",
     "reduced_order_model",
+    "torsion",
+    "plate_with_hole",
+    "sensitivity",
 )
 
 
@@ -33,12 +38,20 @@ def order(filename: str) -> tuple[int, str]:
 
 
 def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
-    """Save figures among the script's variables that no earlier block has shown."""
-    paths = []
-    for value in list(block_vars["example_globals"].values()):
+    """Save figures and animations among the script's variables that no earlier block has shown."""
+    paths, values = [], list(block_vars["example_globals"].values())
+    films = [value for value in values if isinstance(value, Animation) and not hasattr(value, "in_gallery")]
+    for film in films:
+        film.in_gallery = film._fig.in_gallery = True
+    for value in values:
         if isinstance(value, Figure) and not hasattr(value, "in_gallery"):
             value.in_gallery = True
             path = next(block_vars["image_path_iterator"])
             savefig(value, path, dpi=110)
             paths.append(path)
+    # After the pictures, the first of which stands for the script.
+    for film in films:
+        path = Path(next(block_vars["image_path_iterator"])).with_suffix(".gif")
+        film.save(path, writer=PillowWriter(fps=3), dpi=80)
+        paths.append(str(path))
     return figure_rst(paths, gallery_conf["src_dir"])

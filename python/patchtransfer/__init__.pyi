@@ -1,5 +1,6 @@
 """The public names, once: `__init__.py` loads from where they are said to come when they are first used."""
 
+from . import autodiff as autodiff
 from . import batch as batch
 from . import examples as examples
 from . import iga as iga
@@ -19,6 +20,10 @@ from .geometry.multipatch import MultiPatch as MultiPatch
 from .geometry.patch import Patch as Patch
 from .geometry.sides import Interface as Interface
 from .geometry.sides import Side as Side
+from .gradients.filled import Filled as Filled
+from .gradients.frozen import Frozen as Frozen
+from .gradients.inner_product import InnerProduct as InnerProduct
+from .gradients.outline_map import OutlineMap as OutlineMap
 from .io import convert as convert
 from .io import read as read
 from .io import read_boundary as read_boundary

@@ -19,7 +19,7 @@ def listed() -> list[str]:
 
 
 def test_api_lists_every_public_name():
-    modules = {"iga": pt.iga, "plot": pt.plot}
+    modules = {"autodiff": pt.autodiff, "iga": pt.iga, "plot": pt.plot}
     public = {name for name in pt.__all__ if name not in ("__version__", "batch", "examples", "reproduce", *modules)}
     public |= {f"{name}.{part}" for name, module in modules.items() for part in module.__all__}
     names = listed()

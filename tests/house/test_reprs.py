@@ -20,12 +20,14 @@ def shown() -> dict[str, list[object]]:
     """Values of every public class, by the class's public name."""
     mp = o_grid()
     result = pt.transfer(mp, mp.boundary())
+    frozen = result.freeze()
     morph = pt.morph(mp, mp, 3)
     x = mp.topology.coordinates[mp.topology.boundary_points[0]]
     deformer = pt.Deformer(mp)
     smooth = grid(2, 1, 3, 2, None).reduce_continuity(1)
     solver = iga.PoissonSolver(mp)
     solved = iga.poisson(mp, f=lambda x, y: 0 * x, exact=lambda x, y: x * y, gradient=lambda x, y: (y, x))
+    held = mp.with_labels({"a": mp.boundaries[:1]})
     space = iga.SplineSpace(smooth)
     plate = iga.biharmonic(smooth, gluing="nearest")
     rounds = pt.Boundary([[circle()]])
@@ -50,6 +52,7 @@ def shown() -> dict[str, list[object]]:
         "DeformResult": [deformer.deform([[*x, *x]])],
         "iga.BiharmonicResult": [plate],
         "iga.C1Space": [iga.C1Space(space, smooth, gluing="nearest")],
+        "iga.ElasticityResult": [iga.elasticity(held, {"a": (0.0, 0.0)})],
         "iga.ErrorNorms": [solved.errors],
         "iga.Field": [solved.field],
         "iga.LinearSystem": [solver.system(mp)],
@@ -67,6 +70,10 @@ def shown() -> dict[str, list[object]]:
         "Side": list(pt.Side),
         "TransferPlan": [pt.TransferPlan(mp)],
         "TransferResult": [result, result.registration, result.rows],
+        "Frozen": [frozen],
+        "Filled": [frozen.fill(frozen.boundary)],
+        "InnerProduct": [frozen.inner_product],
+        "OutlineMap": [frozen.outline(mp.boundary())],
     }
 
 

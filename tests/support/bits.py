@@ -79,6 +79,11 @@ def main():
             found["morph"] = digest(*pt.morph(source, result.multipatch, 3))
             at = source.boundary().loops[0][0].control_points[0]
             found["deform"] = digest(pt.deform(source, [[*at, *(1.02 * at)]]).multipatch)
+            frozen = result.freeze()
+            filled = frozen.fill(1.01 * frozen.boundary)
+            derivatives = filled.vjp(filled.points[None]), filled.jvp(frozen.boundary)
+            curves = frozen.outline(target).matrix.toarray(), frozen.inner_product.gradient(frozen.boundary)
+            found["gradients"] = digest(filled.points, *derivatives, *curves)
             found["poisson"] = digest(poisson(source).field.coefficients)
             found["biharmonic"] = digest(biharmonic(source, gluing="nearest").field.coefficients)
         if name == "wrench":

@@ -16,7 +16,7 @@ from .basis import collocation_matrix
 from .patch import Patch
 from .sides import Side
 
-__all__ = ["SideGroup", "enclosed_areas", "group_sides", "numbered", "polygon_area", "sides_around"]
+__all__ = ["SideGroup", "area_form", "enclosed_areas", "group_sides", "numbered", "polygon_area", "sides_around"]
 
 
 #: The sides of a right-handed patch counter-clockwise, and whether along or against their parameters.
@@ -67,7 +67,7 @@ def group_sides(patches: Sequence[Patch], sides: Iterable[tuple[int, int, Side, 
     found = []
     for (knots, degree, rational), members in groups.items():
         owners, signs, entries, origins = (np.array(column) for column in zip(*members, strict=True))
-        form = np.eye(entries.shape[1], k=1) if rational else _area_form(knots, degree)
+        form = np.eye(entries.shape[1], k=1) if rational else area_form(knots, degree)
         found.append(SideGroup(form, owners, signs, entries, origins))
     return found
 
@@ -96,7 +96,7 @@ def sides_around(patches: Sequence[Patch]) -> list[SideGroup]:
 
 
 @lru_cache(maxsize=256)
-def _area_form(knot_bytes: bytes, degree: int) -> FloatArray:
+def area_form(knot_bytes: bytes, degree: int) -> FloatArray:
     """Matrix of ∫ N_i N_j' dt."""
     knots = np.frombuffer(knot_bytes)
     breaks = distinct(knots)

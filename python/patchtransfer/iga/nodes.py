@@ -258,6 +258,12 @@ class SideNodes:
         return self.geometry.x.reshape(2, -1)
 
     @property
+    def tangent(self) -> FloatArray:
+        """Unit tangent (2, m) in the sense of the side's parameter."""
+        along = self.geometry.jacobian[:, self.side.axis].reshape(2, -1)
+        return np.asarray(along / np.hypot(*along))
+
+    @property
     def normal(self) -> FloatArray:
         """Outer unit normal (2, m)."""
         # The gradient of the parameter across points along the normal, inwards at its start.

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from dataclasses import field as data_field
+from functools import partial
 from math import isqrt
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csc_array
 
 from ..errors import InputError
 from ..geometry.multipatch import MultiPatch
 from ..geometry.sides import Side
 from ..numeric.arrays import FloatArray
-from .nodes import GeometryAt, ScalarFunction, all_nodes, boundary_nodes, geometry_at, sampled, sides_at
+from .nodes import GeometryAt, ScalarFunction, SideNodes, all_nodes, boundary_nodes, geometry_at, sampled, sides_at
 from .norms import ErrorNorms, VectorFunction, error_norms
+from .poisson_adjoint import PoissonAdjoint
 from .space import Field, SplineSpace
 from .system import Assembler, DefiniteSystem, boundary_fit
 
@@ -108,6 +112,48 @@ class PoissonResult:
     residual: float
     timings: dict[str, float]
     exact: ScalarFunction | None
+    _adjoint: PoissonAdjoint = data_field(repr=False)
+
+    def vjp(self, w: ArrayLike) -> FloatArray:
+        """Derivative of a function of the solution by the geometry's control points.
+
+        Parameters
+        ----------
+        w : (dofs,) array
+            Its derivative by the coefficients of `field`.
+
+        Returns
+        -------
+        (n_points, 2) array
+            By the shared control points of `multipatch`, the `w` of `Filled.vjp`: to rounding the derivative of what
+            was computed, but for the gradients of callables, which are taken by differences (1e-10).
+
+        Raises
+        ------
+        InputError
+            On another shape or NaN.
+
+        Examples
+        --------
+        >>> from patchtransfer import examples, iga
+        >>> source, _, _ = examples.load("star")
+        >>> result = iga.poisson(source, f=1.0)
+        >>> torsion, gradient = result.integral()
+        >>> gradient.shape == (source.topology.n_points, 2)
+        True
+        """
+        given = np.asarray(w, float)
+        if given.shape != (self.dofs,) or not np.isfinite(given).all():
+            raise InputError(f"vjp: expected finite derivatives of shape ({self.dofs},), got {given.shape}")
+        return self._adjoint.vjp(given)
+
+    def integral(self, weight: ScalarFunction | float = 1.0) -> tuple[float, FloatArray]:
+        """∫ weight u dx and its derivative (n_points, 2) by the geometry's control points; see `vjp`."""
+        return self._adjoint.integral(_function(weight))
+
+    def energy(self) -> tuple[float, FloatArray]:
+        """½ ∫ |∇u|² dx and its derivative (n_points, 2) by the geometry's control points; see `vjp`."""
+        return self._adjoint.energy()
 
     def __repr__(self) -> str:
         errors = "" if self.errors is None else f", L2 error {self.errors.l2:.2e}"
@@ -222,9 +268,14 @@ class PoissonSolver:
         f, g : callable, optional
             As in :func:`poisson`.
         """
-        self._check(mp)
         f, g, _, _ = _problem(f, g, None, None)
-        data = dirichlet_data(mp, g)
+        return self._system(mp, f, dirichlet_data(mp, g))[0]
+
+    def _system(
+        self, mp: MultiPatch, f: ScalarFunction, data: Mapping[tuple[int, Side], ScalarFunction]
+    ) -> tuple[LinearSystem, list[GeometryAt], list[SideNodes]]:
+        """The system, and the geometry that it was integrated on."""
+        self._check(mp)
         maps = geometry_at(mp, self.nodes)
         values = self.assembler.values(GRADIENT, [stiffness(at) for at in maps])
         load = self.space.gather(
@@ -232,7 +283,7 @@ class PoissonSolver:
         )
         sides = [side for side in sides_at(self.space, mp, self._boundary_nodes) if (side.patch, side.side) in data]
         known = boundary_fit(self.space, sides, [data[side.patch, side.side] for side in sides])
-        return LinearSystem(values, load, known)
+        return LinearSystem(values, load, known), maps, sides
 
     def matrix(self, system: LinearSystem) -> csc_array:
         """Stiffness matrix of all unknowns, both triangles."""
@@ -249,16 +300,28 @@ class PoissonSolver:
         """Solve on a model with the solver's patches, knots and interfaces; see :func:`poisson`."""
         f, g, exact, gradient = _problem(f, g, exact, gradient)
         clock = [time.perf_counter()]
-        system = self.system(mp, f, g)
+        data = dirichlet_data(mp, g)
+        system, maps, sides = self._system(mp, f, data)
         clock.append(time.perf_counter())
-        free = self._unknowns_off(tuple(sorted(dirichlet_data(mp, g))))
+        free = self._unknowns_off(tuple(sorted(data)))
         u, residual = free.solve(system.values, system.load, system.known)
         clock.append(time.perf_counter())
         field = Field(self.space, u)
         errors = None if exact is None else error_norms(field, mp, exact, gradient)
         clock.append(time.perf_counter())
         stages = dict(zip(("assembly", "solve", "errors"), np.diff(clock).tolist(), strict=True))
-        return PoissonResult(field, mp, errors, residual, stages, exact)
+        adjoint = PoissonAdjoint(
+            mp,
+            self.space,
+            u,
+            partial(self.matrix, system),
+            lambda w: free.solve(system.values, w, np.zeros(len(u)))[0],
+            maps,
+            sides,
+            [data[side.patch, side.side] for side in sides],
+            f,
+        )
+        return PoissonResult(field, mp, errors, residual, stages, exact, adjoint)
 
     def _check(self, mp: MultiPatch) -> None:
         same = len(mp) == len(self._knots) and mp.interfaces == self.space.interfaces
@@ -271,7 +334,7 @@ class PoissonSolver:
 
 
 def dirichlet_data(
-    mp: MultiPatch, g: ScalarFunction | Mapping[str, ScalarFunction | float]
+    mp: MultiPatch, g: ScalarFunction | Mapping[str, ScalarFunction | float], what: str = "Dirichlet data"
 ) -> dict[tuple[int, Side], ScalarFunction]:
     """The boundary values of every side that has some.
 
@@ -287,16 +350,16 @@ def dirichlet_data(
     for label, value in g.items():
         if label not in mp.sides:
             known = ", ".join(map(repr, mp.sides)) or "none"
-            raise InputError(f"Dirichlet data: the model has no label {label!r}; its labels are {known}")
+            raise InputError(f"{what}: the model has no label {label!r}; its labels are {known}")
         for k, side in mp.sides[label]:
-            name = f"Dirichlet data: patch {k} {side.name.lower()} of label {label!r}"
+            name = f"{what}: patch {k} {side.name.lower()} of label {label!r}"
             if (k, side) not in boundary:
                 raise InputError(f"{name} is glued to another patch; name sides of the boundary")
             if (k, side) in data:
                 raise InputError(f"{name} has values by label {owner[k, side]!r} already; give it one")
             data[k, side], owner[k, side] = _function(value), label
     if not data:
-        raise InputError("Dirichlet data: no side has values, and the solution is not unique; name a label with sides")
+        raise InputError(f"{what}: no side has values, and the solution is not unique; name a label with sides")
     return data
 
 
@@ -392,11 +455,4 @@ def poisson(
     """
     solver = PoissonSolver(mp, degree, points, knots=knots, quadrature=quadrature, memory=memory)
     result = solver.solve(mp, f, g, exact, gradient)
-    return PoissonResult(
-        result.field,
-        mp,
-        result.errors,
-        result.residual,
-        {"setup": solver.setup_seconds, **result.timings},
-        result.exact,
-    )
+    return replace(result, timings={"setup": solver.setup_seconds, **result.timings})

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,15 @@ from ..numeric.compressed import Compressed
 from ..progress import Budget, Progress, reporter
 from ..proof.certificate import Cell, Certificate
 
-__all__ = ["OptimizedMap", "SplineOptimizer", "degenerate_corners", "optimize_with_ladder", "step_cost"]
+__all__ = [
+    "Measure",
+    "OptimizedMap",
+    "Settled",
+    "SplineOptimizer",
+    "degenerate_corners",
+    "optimize_with_ladder",
+    "step_cost",
+]
 
 
 #: Default weight of the area term.
@@ -39,6 +47,8 @@ TOLERANCE = 1e-8
 ROUGH = 1e-4
 #: Rounds of adding nodes where the certificate fails.
 NODE_ROUNDS = 8
+#: Nodes per degree, direction and knot span, less one.
+NODES_PER_DEGREE = 2
 #: Newton steps of a rung at most, and of a step of the continuation.
 MAX_STEPS, CONTINUATION_STEPS = 200, 60
 #: Nodes per degree of the rungs that follow, twice the plain optimiser's, and the area weight of the last of them.
@@ -50,6 +60,28 @@ FIRST_STEP, SHORTEST_STEP = 0.25, 1e-3
 EXTRA_NODE = 2.0
 #: |sin| of a corner's angle below which it is 0 or 180 degrees but for rounding, and the source is singular there.
 STRAIGHT = 1e-12
+
+
+class Measure(NamedTuple):
+    """What a map's distortion is measured with: nodes a degree, those added, and the weight of the area term."""
+
+    nodes_per_degree: int
+    extra_nodes: tuple[tuple[int, float, float], ...]
+    area_weight: float
+
+
+class Settled(NamedTuple):
+    """A minimum to the last digits; see `SplineOptimizer.settle`.
+
+    `gradient` (n_points, 2) is that of the energy at all points, `residual` the largest component that is left of it
+    for the unknowns.
+    """
+
+    points: FloatArray
+    energy: float
+    gradient: FloatArray
+    residual: float
+    min_determinant: float
 
 
 class SplineOptimizer:
@@ -82,12 +114,13 @@ class SplineOptimizer:
         topology: Topology,
         reference: Sequence[Patch] | None = None,
         *,
-        nodes_per_degree: int = 2,
+        nodes_per_degree: int = NODES_PER_DEGREE,
         extra_nodes: Sequence[tuple[int, float, float]] = (),
         excluded_corners: Sequence[tuple[int, int]] = (),
         null_space: Compressed | None = None,
     ) -> None:
         patches = topology.patches if reference is None else reference
+        self._nodes = nodes_per_degree, tuple(extra_nodes)
         self.step_cost = step_cost(patches, nodes_per_degree, extra_nodes)
         triplets = None
         if null_space is not None:
@@ -124,26 +157,37 @@ class SplineOptimizer:
         """Energy of a fold-free map and its gradient (n_points, 2), boundary points included, at fixed scale."""
         return self._core.gradient(points, area_weight)
 
-    def linearise(self, points: FloatArray, area_weight: float = AREA_WEIGHT) -> bool:
+    def linearise(self, points: FloatArray, area_weight: float = AREA_WEIGHT, scale: float | None = None) -> bool:
         """Factorize the Hessian over the unknowns at a fold-free map, for `respond`, `product` and `motions`.
 
         They hold until the next `minimise` or `set_basis`. False where the exact Hessian is not positive definite, so
-        that `points` is no strict minimum: its positive semidefinite part is taken then.
+        that `points` is no strict minimum: its positive semidefinite part is taken then. `scale` as in `minimise`.
         """
         try:
-            self._core.linearise(points, area_weight)
+            self._core.linearise(points, area_weight, scale=scale)
         except RuntimeError:
-            self._core.linearise(points, area_weight, exact=False)
+            self._core.linearise(points, area_weight, exact=False, scale=scale)
             return False
         return True
 
-    def respond(self, forces: FloatArray) -> FloatArray:
-        """``Z (Zᵀ H Z)⁻¹ Zᵀ q`` for forces (n_points, 2); fixed points stay. Needs `linearise`."""
-        return self._core.respond(forces)
+    def settle(self, corrections: int) -> Settled:
+        """Correct the linearised map by ``x -= respond(gradient)`` while the gradient falls and no fold appears.
 
-    def product(self, direction: FloatArray) -> FloatArray:
-        """The exact Hessian over all points, fixed ones included, at fixed scale times a direction (n_points, 2)."""
-        return self._core.product(direction)
+        Products are at the corrected map from now on, responses by the factorization as it is.
+        """
+        return Settled(*self._core.settle(corrections))
+
+    def look_from(self, points: FloatArray) -> None:
+        """Take products at `points` from now on, responses by the factorization as it is. Needs `linearise`."""
+        self._core.look_from(points)
+
+    def respond(self, forces: FloatArray) -> FloatArray:
+        """``Z (Zᵀ H Z)⁻¹ Zᵀ q`` for forces (..., n_points, 2); fixed points stay. Needs `linearise`."""
+        return _each(self._core.respond, forces)
+
+    def product(self, directions: FloatArray) -> FloatArray:
+        """The exact Hessian over all points, fixed ones too, at fixed scale times directions (..., n_points, 2)."""
+        return _each(self._core.product, directions)
 
     def motions(self, begins: Sequence[FloatArray]) -> tuple[list[FloatArray], FloatArray, FloatArray]:
         """How the inside follows motions of the boundary, and the energy along them. Needs `linearise`.
@@ -172,15 +216,22 @@ class SplineOptimizer:
         progress: Callable[[int, float, float], None] | None = None,
         tolerance: float = TOLERANCE,
         seconds: float | None = None,
+        scale: float | None = None,
     ) -> OptimizedMap:
         """Minimise the distortion energy from `points` (n_points, 2); boundary points stay.
 
         Stops where a Newton step would lower the energy by less than the fraction `tolerance`; with `ROUGH` from a
         smooth start (a harmonic map) already in coarser spaces where the last of them gained no more than that.
-        Ctrl-C and the limit of `seconds` are honoured between Newton steps.
+        Ctrl-C and the limit of `seconds` are honoured between Newton steps. All Jacobians are multiplied by `scale`, by
+        default that which gives `points` the mean determinant 1.
         """
-        out = self._core.minimise(points, area_weight, max_steps, tolerance, progress, seconds)
-        return OptimizedMap(*out)
+        out = self._core.minimise(points, area_weight, max_steps, tolerance, progress, seconds, scale)
+        return OptimizedMap(*out, Measure(*self._nodes, area_weight))
+
+
+def _each(function: Callable[[list[FloatArray]], list[FloatArray]], fields: FloatArray) -> FloatArray:
+    """A function of many fields (n_points, 2) for an array of them."""
+    return np.reshape(function(list(fields.reshape(-1, *fields.shape[-2:]))), fields.shape)
 
 
 @dataclass(frozen=True)
@@ -199,6 +250,8 @@ class OptimizedMap:
         Energy, smallest determinant, regularisation ε and relative Newton decrement before every step.
     stop : str
         "converged", "stalled", "step limit" or "time limit".
+    measure : Measure
+        What the energy is measured with.
     """
 
     points: FloatArray
@@ -206,6 +259,7 @@ class OptimizedMap:
     min_determinant: float
     history: FloatArray
     stop: str
+    measure: Measure
 
 
 def degenerate_corners(patches: Sequence[Patch]) -> list[tuple[int, int]]:

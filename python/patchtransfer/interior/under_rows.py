@@ -8,7 +8,7 @@ says. A certified reference therefore never turns into an uncertified result.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -59,6 +59,8 @@ class ActiveRows:
     collapsed : int
         Interface ends at the boundary where a corner is nearly flat under the rows: no certified map was found with
         fewer rows there.
+    space : RowSpace or None
+        The rows themselves and the maps that satisfy them; None in a result that comes from another process.
     """
 
     active: int
@@ -68,6 +70,11 @@ class ActiveRows:
     without: tuple[int, ...] = ()
     contradictory: tuple[tuple[int, int], ...] = ()
     collapsed: int = 0
+    space: RowSpace | None = field(default=None, compare=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # As large as the rest of a result, and of use where the plan is.
+        return {name: value for name, value in self.__dict__.items() if name != "space"}
 
     def __repr__(self) -> str:
         return f"<ActiveRows: {self.active} active, residual {self.residual:.1e}, {self.left_out} left out>"
@@ -362,4 +369,5 @@ def rows_summary(
         released=tuple(ends),
         without=space.rows.without,
         contradictory=tuple(sorted({*space.contradictory, *space.rows.blocked})),
+        space=space,
     )

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..fitting.fit import FittedBoundary
 from ..geometry.multipatch import MultiPatch
+from ..gradients.frozen import freeze
 from ..interior.solver import InteriorMap, InteriorSolver
 from ..measure.quality import quality
 from ..proof.certificate import check_boundary
@@ -99,6 +101,7 @@ def measure(
         metrics = quality(multipatch, exclude=posed.degenerate)
         stage.found = f"scaled Jacobian min {metrics.scaled_jacobian.min:.3f}, mean {metrics.scaled_jacobian.mean:.3f}"
     warnings += _functions_of_the_source(interior.source, multipatch)
+    space = None if found.rows is None else found.rows.space
     return TransferResult(
         multipatch=multipatch,
         certificate=found.certificate,
@@ -117,6 +120,7 @@ def measure(
         paper_history=found.history,
         sliding=sliding,
         stopped=stopped,
+        _freeze=partial(freeze, interior, space, posed.degenerate, found.points),
     )
 
 

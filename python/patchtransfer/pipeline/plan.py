@@ -15,21 +15,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, TransferError
 from ..fitting.fit import FittedBoundary
-from ..fitting.refinement import Knot, insert_in_strips, lone_spans, missed_spans, span_middles
+from ..fitting.refinement import Knot, lone_spans, missed_spans, span_middles
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.splitting import split_model, split_patches
-from ..geometry.straight_corners import corner_triangles, straighten
+from ..gradients.frozen import Frozen
 from ..interior.solver import InteriorSolver
 from ..progress import Budget, Clock, Progress
-from ..proof.certificate import Certificate, check_boundary
-from ..proof.feasibility import check_corners, check_report
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from .accepted import accepted
 from .inside import measure, slide, solve
 from .options import Run, SearchOptions, TransferOptions, options_of
-from .posed import Registered, no_proof
+from .posed import Registered
+from .refilled import Refilled, filled, frozen
+from .refined import finer
 from .result import TransferResult, failure_of, split_advice
 from .sliding import movable_joints
 from .source_boundary import SourceBoundary
@@ -287,7 +287,7 @@ class TransferPlan:
         reference = self.reference and split_patches(self.reference, topology.interfaces, cuts)
         if self.continuity == "g1":
             # Pieces may have a single span, which locks exact G1.
-            source, reference = _refined(source, reference, lone_spans(source.patches), 2)
+            source, reference = finer(source, reference, lone_spans(source.patches), 2)
         plan = TransferPlan(source, self.continuity, reference=reference)
         plan._unsplit = Unsplit(self, division)
         corners = dict.fromkeys(corner.point for corners in lacking for corner in corners)
@@ -419,23 +419,47 @@ class TransferPlan:
         InfeasibleTargetError
             When the boundary crosses itself, or a single patch would have to fill more than 180 degrees.
         """
-        start = np.asarray(points, float)
-        topology = self.source.topology
-        if start.shape != (topology.n_points, 2) or not np.isfinite(start).all():
-            raise InputError(f"refill: expected finite points of shape {(topology.n_points, 2)}, got {start.shape}")
-        curves = self._boundary.curves(start)
-        known = check_boundary(curves)
-        check_report(known, "boundary")
-        degenerate = self._boundary.degenerate(check_corners(curves, self._boundary.single, "boundary"))
-        start, _ = straighten(start, corner_triangles(topology, degenerate))
-        budget = Budget.of_source(self._interior.step_cost)
-        report = check_boundary(self._boundary.curves(start), known)
-        if report.simple:
-            found = self._interior.certified(start, degenerate, progress, Clock(progress), budget, report)
-        else:
-            reason = no_proof(report).reason
-            found = self._interior.unproved(start, degenerate, progress, Clock(progress), budget, reason, report)
+        found, _ = filled(points, self._boundary, self._interior, progress, "refill")
         return Refilled(self.source.with_shared_points(found.points), found.certificate, tuple(found.log))
+
+    def freeze(self, points: ArrayLike | None = None, progress: Progress | None = None) -> Frozen:
+        """The map on a boundary as a smooth function of that boundary, with derivatives.
+
+        Continuity rows, released ends, excluded corners and the energy's nodes are those of `refill`'s map. See
+        ``docs/gradients.md``.
+
+        Parameters
+        ----------
+        points : (n_points, 2) array, optional
+            As in `refill`; default the source's own.
+        progress : callable, optional
+            As in `transfer`.
+
+        Returns
+        -------
+        Frozen
+
+        Raises
+        ------
+        InputError, InfeasibleTargetError
+            As `refill`.
+        NotCertifiedError
+            When no certified map is found.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from patchtransfer import TransferPlan, examples
+        >>> source, _, _ = examples.load("star")
+        >>> frozen = TransferPlan(source).freeze()
+        >>> filled = frozen.fill(1.01 * frozen.boundary)
+        >>> filled.certificate.status
+        'certified'
+        >>> filled.jvp(frozen.boundary).shape == filled.points.shape
+        True
+        """
+        given = self.source.topology.coordinates if points is None else points
+        return frozen(given, self._boundary, self._interior, progress)
 
     def _refined_to_tolerance(
         self, registered: Registered, fitted: FittedBoundary, run: Run
@@ -464,19 +488,9 @@ class TransferPlan:
         """A plan for the source with more knots, and the same correspondence with its boundary curves."""
         # Exact G1 needs inner knots of C^(p - 2): simple ones would lock its rows.
         multiplicity = 2 if self.continuity == "g1" else 1
-        source, reference = _refined(self._welded, self.reference, knots, multiplicity)
+        source, reference = finer(self._welded, self.reference, knots, multiplicity)
         plan = TransferPlan(source, self.continuity, reference=reference)
         return plan, registered._replace(registration=plan._boundary.registered(registered.registration))
-
-
-def _refined(
-    source: MultiPatch, reference: Sequence[Patch] | None, knots: Sequence[Knot], multiplicity: int
-) -> tuple[MultiPatch, list[Patch] | None]:
-    """A source with shared points, and its reference, with more knots."""
-    topology = source.topology
-    patches = insert_in_strips(topology, topology.patches, knots, multiplicity)
-    finer = None if reference is None else insert_in_strips(topology, reference, knots, multiplicity)
-    return MultiPatch(patches, source.interfaces, source.ids, source.sides, source.blocks), finer
 
 
 class Unsplit(NamedTuple):
@@ -484,11 +498,3 @@ class Unsplit(NamedTuple):
 
     plan: TransferPlan
     division: Division
-
-
-class Refilled(NamedTuple):
-    """Outcome of `TransferPlan.refill`."""
-
-    multipatch: MultiPatch
-    certificate: Certificate
-    log: tuple[str, ...]

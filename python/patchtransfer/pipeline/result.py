@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from ..errors import TransferError
+from ..errors import InputError, TransferError
 from ..fitting.fit import FittedBoundary
 from ..geometry.labels import plain
 from ..geometry.multipatch import MultiPatch
+from ..gradients.frozen import Frozen
 from ..interior.under_rows import ActiveRows
 from ..measure.continuity import ContinuityReport, check_continuity
 from ..measure.quality import Quality
@@ -108,6 +109,30 @@ class TransferResult:
     refined: bool = False
     split: SourceSplit | None = None
     split_in_vain: bool = False
+    _freeze: Callable[[], Frozen] | None = field(default=None, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # The plan stays where it is.
+        return {name: value for name, value in self.__dict__.items() if name != "_freeze"}
+
+    def freeze(self) -> Frozen:
+        """The map as a smooth function of its boundary, with derivatives; see `TransferPlan.freeze`.
+
+        Raises
+        ------
+        NotCertifiedError
+            When the map is not certified.
+        InputError
+            When the result comes from another process.
+        """
+        if not self.certificate.injective:
+            raise NotCertifiedError(f"freeze: the map is not certified ({self.certificate.status})", self)
+        if self._freeze is None:
+            raise InputError(
+                "freeze: this result comes from another process, and its plan is there; "
+                "use plan.freeze(result.multipatch.topology.coordinates)"
+            )
+        return self._freeze()
 
     @cached_property
     def continuity(self) -> ContinuityReport:

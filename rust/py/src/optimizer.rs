@@ -17,6 +17,9 @@ type Triplets<'py> =
 /// Columns energy, min_det, eps, decrement, one row a step.
 type Outcome<'py> = (Bound<'py, PyArray2<f64>>, f64, f64, Bound<'py, PyArray2<f64>>, &'static str);
 
+/// Points, energy, gradient, residual and smallest determinant.
+type Settled<'py> = (Bound<'py, PyArray2<f64>>, f64, Bound<'py, PyArray2<f64>>, f64, f64);
+
 /// Fields, slopes and second derivatives.
 type Motions<'py> = (Vec<Bound<'py, PyArray2<f64>>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
 
@@ -109,39 +112,56 @@ impl SplineOptimizer {
         Ok((energy, rows(py, &gradient)))
     }
 
-    #[pyo3(signature = (points, lambda_, exact=true))]
+    #[pyo3(signature = (points, lambda_, exact=true, scale=None))]
     fn linearise(
         &mut self,
         py: Python<'_>,
         points: PyReadonlyArray2<'_, f64>,
         lambda_: f64,
         exact: bool,
+        scale: Option<f64>,
     ) -> PyResult<()> {
         let x = self.shared_points(&points)?;
         let kind = if exact { HessianKind::Exact } else { HessianKind::Projected };
-        threads::run(py, || self.core.linearise(&x, lambda_, kind))?.map_err(runtime)
+        threads::run(py, || self.core.linearise(&x, lambda_, kind, scale))?.map_err(runtime)
     }
 
     fn respond<'py>(
         &mut self,
         py: Python<'py>,
-        forces: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        forces: Vec<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<Vec<Bound<'py, PyArray2<f64>>>> {
         self.check_linearised()?;
-        let forces = [self.shared_points(&forces)?];
+        let forces = forces.iter().map(|q| self.shared_points(q)).collect::<PyResult<Vec<_>>>()?;
         let out = threads::run(py, || self.core.respond(&forces))?;
-        Ok(rows(py, &out[0]))
+        Ok(out.iter().map(|v| rows(py, v)).collect())
     }
 
     fn product<'py>(
         &mut self,
         py: Python<'py>,
-        direction: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        directions: Vec<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<Vec<Bound<'py, PyArray2<f64>>>> {
         self.check_linearised()?;
-        let direction = self.shared_points(&direction)?;
-        let out = threads::run(py, || self.core.product(&direction))?;
-        Ok(rows(py, &out))
+        let directions = directions.iter().map(|v| self.shared_points(v)).collect::<PyResult<Vec<_>>>()?;
+        let out: Vec<_> =
+            threads::run(py, || directions.iter().map(|v| self.core.product(v)).collect::<Vec<_>>())?;
+        Ok(out.iter().map(|q| rows(py, q)).collect())
+    }
+
+    /// Points, energy, gradient at all points, its largest component for the unknowns, and the smallest determinant.
+    fn settle<'py>(&mut self, py: Python<'py>, corrections: usize) -> PyResult<Settled<'py>> {
+        self.check_linearised()?;
+        let found = threads::run(py, || self.core.settle(corrections))?;
+        let (points, gradient) = (rows(py, &found.points), rows(py, &found.gradient));
+        Ok((points, found.energy, gradient, found.residual, found.min_det))
+    }
+
+    fn look_from(&mut self, points: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
+        self.check_linearised()?;
+        let x = self.shared_points(&points)?;
+        self.core.look_from(x);
+        Ok(())
     }
 
     /// Fields, slopes and second derivatives of the motions that begin with `begins`.
@@ -159,7 +179,7 @@ impl SplineOptimizer {
         Ok((fields, found.slopes.into_pyarray(py), hessian.into_pyarray(py)))
     }
 
-    #[pyo3(signature = (points, lambda_, max_steps, tolerance, callback=None, seconds=None))]
+    #[pyo3(signature = (points, lambda_, max_steps, tolerance, callback=None, seconds=None, scale=None))]
     #[allow(clippy::too_many_arguments)]
     fn minimise<'py>(
         &mut self,
@@ -170,10 +190,11 @@ impl SplineOptimizer {
         tolerance: f64,
         callback: Option<Py<PyAny>>,
         seconds: Option<f64>,
+        scale: Option<f64>,
     ) -> PyResult<Outcome<'py>> {
         let end = Deadline::after(seconds);
         let x = self.shared_points(&points)?;
-        let settings = Settings { lambda: lambda_, max_steps, tolerance };
+        let settings = Settings { lambda: lambda_, max_steps, tolerance, scale };
         let mut count = 0_usize;
         let outcome = threads::run_watched(
             py,

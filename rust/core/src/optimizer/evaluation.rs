@@ -88,15 +88,19 @@ impl Evaluator {
         self.sweep(x, parameters, Order::Gradient, |s, _, b| assembly.scatter_gradient(s, b, gradient))
     }
 
-    /// Energy and gradient with respect to all shared points, fixed ones included.
-    pub fn gradient_everywhere(&mut self, x: &[[f64; 2]], parameters: Parameters) -> (f64, Vec<[f64; 2]>) {
+    /// Energy, determinants and gradient with respect to all shared points, fixed ones included.
+    pub fn gradient_everywhere(
+        &mut self,
+        x: &[[f64; 2]],
+        parameters: Parameters,
+    ) -> (Summary, Vec<[f64; 2]>) {
         let mut gradient = vec![[0.0; 2]; x.len()];
         let found = self.sweep(x, parameters, Order::Gradient, |s, elements, buffers| {
             for (&p, g) in elements.strips[s].points.iter().zip(&buffers.gradient) {
                 (0..2).for_each(|c| gradient[p as usize][c] += g[c]);
             }
         });
-        (found.energy, gradient)
+        (found, gradient)
     }
 
     /// The exact Hessian times a direction, over all shared points: only strips where that does not vanish are looked

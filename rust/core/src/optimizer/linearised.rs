@@ -15,15 +15,8 @@ pub type Field = Vec<[f64; 2]>;
 
 /// A map at which the Hessian over the unknowns is factorized.
 pub(crate) struct Place {
-    x: Field,
-    at: Parameters,
-}
-
-#[cfg(test)]
-impl Place {
-    pub(super) fn at(&self) -> Parameters {
-        self.at
-    }
+    pub(super) x: Field,
+    pub(super) at: Parameters,
 }
 
 /// Motions of the boundary that the inside follows, and the energy along them.
@@ -38,14 +31,20 @@ pub struct Motions {
 }
 
 impl SplineOptimizer {
-    /// Factorize the Hessian over the unknowns at `x`, on all nodes, no folds opened (ε → 0) and at fixed scale.
+    /// Factorize the Hessian over the unknowns at `x`, on all nodes, no folds opened (ε → 0) and at fixed scale, by default
+    /// that of mean determinant 1.
     ///
     /// # Errors
     /// [`SparseError::NotPositiveDefinite`] where the exact Hessian is not: `x` is no strict minimum.
-    pub fn linearise(&mut self, x: &[[f64; 2]], lambda: f64, kind: HessianKind) -> Result<(), SparseError> {
+    pub fn linearise(
+        &mut self,
+        x: &[[f64; 2]],
+        lambda: f64,
+        kind: HessianKind,
+        scale: Option<f64>,
+    ) -> Result<(), SparseError> {
         self.linearised = None;
-        let mean = self.determinants(x).1;
-        let scale = if mean > 0.0 { 1.0 / mean.sqrt() } else { 1.0 };
+        let scale = scale.unwrap_or_else(|| self.scale_to_mean(x));
         let at = Parameters { scale, eps: EPS_FEASIBLE, lambda };
         self.problem.factorize_all_nodes(x, at, kind)?;
         self.linearised = Some(Place { x: x.to_vec(), at });
@@ -115,7 +114,7 @@ impl SplineOptimizer {
     }
 
     /// `begin + Z y` for every column y of the solution.
-    fn answers(&self, mut unknown: Vec<f64>, begins: &[Field]) -> Vec<Field> {
+    pub(super) fn answers(&self, mut unknown: Vec<f64>, begins: &[Field]) -> Vec<Field> {
         self.problem.solve_columns(&mut unknown);
         let n = unknown.len() / begins.len().max(1);
         let mut out = begins.to_vec();
@@ -128,7 +127,7 @@ impl SplineOptimizer {
 
 impl NewtonProblem {
     /// `Zᵀ q` for forces on all points, components interleaved.
-    fn to_unknowns(&self, forces: &[[f64; 2]]) -> Vec<f64> {
+    pub(super) fn to_unknowns(&self, forces: &[[f64; 2]]) -> Vec<f64> {
         let free: Vec<f64> = self.free.iter().flat_map(|&p| forces[p]).collect();
         match &self.reduced {
             None => free,

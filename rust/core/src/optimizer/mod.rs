@@ -17,6 +17,7 @@ mod newton;
 mod ordering;
 mod preconditioner;
 mod reduced;
+mod settled;
 mod strip_kernel;
 mod systems;
 
@@ -32,6 +33,7 @@ use crate::optimizer::newton::{EPS_FEASIBLE, NewtonProblem};
 pub use crate::optimizer::newton::{Outcome, Settings, Step, Stop};
 use crate::optimizer::ordering::{Net, nested_dissection};
 use crate::optimizer::reduced::Reduced;
+pub use crate::optimizer::settled::Settled;
 use crate::optimizer::strip_kernel::{Parameters, Summary};
 use crate::optimizer::systems::Systems;
 use crate::spline::SplinePatch;
@@ -210,9 +212,16 @@ impl SplineOptimizer {
 
     /// Energy and its gradient with respect to all shared points, fixed ones included; no folds are opened (ε → 0).
     pub fn gradient(&mut self, x: &[[f64; 2]], lambda: f64) -> (f64, Vec<[f64; 2]>) {
-        let (_, mean) = self.determinants(x);
-        let scale = if mean > 0.0 { 1.0 / mean.sqrt() } else { 1.0 };
-        self.problem.evaluator.gradient_everywhere(x, Parameters { scale, eps: EPS_FEASIBLE, lambda })
+        let scale = self.scale_to_mean(x);
+        let at = Parameters { scale, eps: EPS_FEASIBLE, lambda };
+        let (found, gradient) = self.problem.evaluator.gradient_everywhere(x, at);
+        (found.energy, gradient)
+    }
+
+    /// The factor of all Jacobians that makes the mean determinant of a map 1.
+    fn scale_to_mean(&mut self, x: &[[f64; 2]]) -> f64 {
+        let mean = self.determinants(x).1;
+        if mean > 0.0 { 1.0 / mean.sqrt() } else { 1.0 }
     }
 
     /// Minimise the distortion from the start `x`, whose fixed points stay (and whose rows hold, with a basis).
@@ -228,9 +237,8 @@ impl SplineOptimizer {
         mut observe: impl FnMut(&Step) -> ControlFlow<()>,
     ) -> Result<Outcome, SparseError> {
         self.linearised = None;
-        let mean = self.determinants(x).1;
         // The area is fixed by the boundary, so the scale to mean determinant 1 stays valid.
-        let scale = if mean > 0.0 { 1.0 / mean.sqrt() } else { 1.0 };
+        let scale = settings.scale.unwrap_or_else(|| self.scale_to_mean(x));
         let stopped = Cell::new(false);
         let mut watch = |step: &Step| {
             let answer = observe(step);

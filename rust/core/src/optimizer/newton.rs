@@ -51,6 +51,8 @@ pub struct Settings {
     pub max_steps: usize,
     /// Stop when the Newton decrement is below this fraction of the energy.
     pub tolerance: f64,
+    /// Factor of all Jacobians; by default that which gives the start mean determinant 1.
+    pub scale: Option<f64>,
 }
 
 /// One Newton step as reported to the observer.

@@ -5,7 +5,7 @@ use crate::spline::SplinePatch;
 
 mod iterative;
 
-const SETTINGS: Settings = Settings { lambda: 0.3, max_steps: 200, tolerance: 1e-8 };
+const SETTINGS: Settings = Settings { lambda: 0.3, max_steps: 200, tolerance: 1e-8, scale: None };
 
 /// Two bicubic patches of `spans`² spans side by side, bent: model, free points and the start.
 fn bent_pair(spans: usize) -> (Model, Vec<usize>, Vec<[f64; 2]>) {
@@ -259,10 +259,10 @@ fn dot(a: &[[f64; 2]], b: &[[f64; 2]]) -> f64 {
 #[test]
 fn the_product_is_the_derivative_of_the_gradient() {
     let (mut optimizer, x, wave) = at_minimum(None);
-    optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact).unwrap();
+    optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact, None).unwrap();
     let product = optimizer.product(&wave);
     // At fixed scale: the gradient's own is that of the map it is asked for.
-    let (step, place) = (1e-5, optimizer.linearised.as_ref().unwrap().at());
+    let (step, place) = (1e-5, optimizer.linearised.as_ref().unwrap().at);
     let mut gradient = |t: f64| optimizer.problem.evaluator.gradient_everywhere(&plus(&x, t, &wave), place).1;
     let (up, down) = (gradient(step), gradient(-step));
     let largest = product.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
@@ -282,7 +282,7 @@ fn forces_are_answered_symmetrically_and_undone_by_the_hessian() {
     (0..n).for_each(|i| z.push(i, i.min(n - 2), 1.0));
     for z in [None, Some(CscMatrix::from(&z))] {
         let (mut optimizer, x, wave) = at_minimum(z);
-        optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact).unwrap();
+        optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact, None).unwrap();
         let other = plus(&wave, 1.0, &x);
         let answers = optimizer.respond(&[x.clone(), other.clone()]);
         assert!((dot(&answers[0], &other) - dot(&x, &answers[1])).abs() < 1e-10 * dot(&answers[0], &x));
@@ -297,8 +297,8 @@ fn forces_are_answered_symmetrically_and_undone_by_the_hessian() {
 #[test]
 fn motions_tell_the_energy_of_the_minima_they_lead_to() {
     let (mut optimizer, x, wave) = at_minimum(None);
-    optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact).unwrap();
-    let place = optimizer.linearised.as_ref().unwrap().at();
+    optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact, None).unwrap();
+    let place = optimizer.linearised.as_ref().unwrap().at;
     let Motions { fields, slopes, hessian } = optimizer.motions(vec![wave]);
     // The minimum at fixed scale, for the boundary moved by a step: by Newton's method, the factorization kept.
     let mut least = |step: f64| {
@@ -320,8 +320,30 @@ fn motions_tell_the_energy_of_the_minima_they_lead_to() {
 #[test]
 fn another_minimisation_ends_what_was_linearised() {
     let (mut optimizer, x, _) = at_minimum(None);
-    optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact).unwrap();
+    optimizer.linearise(&x, SETTINGS.lambda, HessianKind::Exact, None).unwrap();
     assert!(optimizer.is_linearised());
     optimizer.minimise(&x, SETTINGS, |_| ControlFlow::Continue(())).unwrap();
     assert!(!optimizer.is_linearised());
+}
+
+#[test]
+fn corrections_reach_rounding_at_the_given_scale() {
+    let (mut optimizer, x, wave) = at_minimum(None);
+    // Near a minimum at another scale: its own energy has another.
+    let scale = 1.02 * optimizer.scale_to_mean(&x);
+    let settings = Settings { tolerance: 1e-6, scale: Some(scale), ..SETTINGS };
+    let rough = optimizer.minimise(&x, settings, |_| ControlFlow::Continue(())).unwrap().points;
+    optimizer.linearise(&rough, SETTINGS.lambda, HessianKind::Exact, Some(scale)).unwrap();
+    let before = optimizer.settle(0);
+    assert_eq!(before.points, rough);
+    let settled = optimizer.settle(6);
+    assert!(settled.residual < 1e-13 && settled.residual < 1e-4 * before.residual, "{}", settled.residual);
+    assert!(settled.energy <= before.energy + 1e-14 && settled.min_det > 0.0);
+    // Products are at the corrected map, and elsewhere where they are asked for.
+    let here = optimizer.product(&wave);
+    optimizer.look_from(rough);
+    let there = optimizer.product(&wave);
+    assert!(here != there);
+    optimizer.linearise(&settled.points, SETTINGS.lambda, HessianKind::Exact, Some(scale)).unwrap();
+    assert_eq!(optimizer.product(&wave), here);
 }
