@@ -7,11 +7,13 @@ with 1.6 GB.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike
+from typing import TYPE_CHECKING
 
 from ._core import MAX_DEGREE
 from .errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 __all__ = [
     "LARGEST",
@@ -100,6 +102,9 @@ MAX_FRAME_POINTS = 10_000_000
 
 def first_unusable(values: ArrayLike) -> int | None:
     """Where the first number is, in the flat array, that is NaN or above `LARGEST` in size; None if all are good."""
+    # Commands know their bounds before they need numerics: help and version are there at once.
+    import numpy as np
+
     with np.errstate(invalid="ignore"):
         good = np.abs(np.asarray(values)) <= LARGEST
     return None if good.all() else int(np.argmin(good))
