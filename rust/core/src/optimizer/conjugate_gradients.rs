@@ -73,8 +73,7 @@ pub(crate) fn solve(
         }
         multiply(direction, product);
         let curvature = dot(direction, product);
-        // Not a number, either, is no positive curvature.
-        if !(curvature > 0.0) {
+        if curvature <= 0.0 || curvature.is_nan() {
             return Ended::Indefinite;
         }
         let length = size / curvature;

@@ -97,7 +97,7 @@ mod tests {
             n in 1usize..12, width in 0usize..4, seed in prop::collection::vec(-1.0..1.0, 37), far in -80i32..80,
         ) {
             let (pattern, values, _) = banded(n, width, &seed);
-            let unit = |s: usize| if s % 2 == 0 { 10.0_f64.powi(far) } else { 1.0 };
+            let unit = |s: usize| if s.is_multiple_of(2) { 10.0_f64.powi(far) } else { 1.0 };
             let mut scalar: Vec<f64> = (0..pattern.blocks()).map(|k| scalar_part(&values, k)).collect();
             for s in 0..n {
                 for k in pattern.columns[s]..pattern.columns[s + 1] {
