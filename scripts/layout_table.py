@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from glyphs import glyph
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -24,7 +25,7 @@ from patchtransfer import MultiPatch, examples
 from patchtransfer.sources.auto_layout import parameterize
 
 ROOT = Path(__file__).resolve().parents[1]
-FONTS = ("DejaVu Sans", "DejaVu Serif")
+FONTS = ("DejaVuSans", "DejaVuSerif")
 
 HEADER = """# Layouts found
 
@@ -164,7 +165,7 @@ def crowds_asked(number: int) -> Iterator[tuple[str, list[tuple[str, pt.Boundary
     """Random outlines and glyphs, each with its name."""
     yield "random", [(f"seed {seed}", outlines.random_outline(seed)) for seed in range(number)]
     for font in FONTS:
-        found = [(c, outlines.glyph(c, font)) for c in string.ascii_letters + string.digits]
+        found = [(c, glyph(c, font)) for c in string.ascii_letters + string.digits]
         yield font, [(c, boundary) for c, boundary in found if boundary is not None]
 
 

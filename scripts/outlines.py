@@ -1,4 +1,4 @@
-"""Outlines to parameterize: named shapes, glyphs and random ones, all from formulas."""
+"""Outlines to parameterize: named shapes and random ones, all from formulas."""
 
 from __future__ import annotations
 
@@ -7,71 +7,9 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
-from matplotlib.font_manager import FontProperties
-from matplotlib.path import Path as TracedPath
-from matplotlib.textpath import TextPath
-from scipy.interpolate import CubicSpline
+from curves import Loop, arc, bezier, ellipse, naca, polygon, rectangle, regular, smooth, unit
 
-from patchtransfer import Boundary, BSplineCurve, examples
-
-Loop = list[BSplineCurve]
-
-
-def unit(angles: np.ndarray) -> np.ndarray:
-    """Points of the unit circle."""
-    return np.column_stack([np.cos(angles), np.sin(angles)])
-
-
-def bezier(points: np.ndarray) -> BSplineCurve:
-    """One polynomial span."""
-    degree = len(points) - 1
-    return BSplineCurve([0.0] * (degree + 1) + [1.0] * (degree + 1), degree, points)
-
-
-def polygon(corners: object) -> Loop:
-    """Lines from corner to corner, and back to the first."""
-    points = np.asarray(corners, float)
-    return [bezier(np.array(ends)) for ends in zip(points, np.roll(points, -1, axis=0), strict=True)]
-
-
-def regular(number: int) -> Loop:
-    """Regular polygon that stands on a side."""
-    return polygon(unit(-np.pi / 2 + np.pi / number + 2 * np.pi * np.arange(number) / number))
-
-
-def rectangle(width: float, height: float) -> Loop:
-    """Round the origin."""
-    return polygon(np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * [width / 2, height / 2])
-
-
-def arc(radius: float, begin: float, end: float) -> BSplineCurve:
-    """Circular arc, exact: rational quadratic spans of at most a right angle."""
-    pieces = int(np.ceil(abs(end - begin) / (np.pi / 2) - 1e-9))
-    points = radius * unit(np.linspace(begin, end, 2 * pieces + 1))
-    half = np.cos((end - begin) / pieces / 2)
-    points[1::2] /= half
-    knots = [0.0] * 3 + [float(k) for k in range(1, pieces) for _ in "12"] + [float(pieces)] * 3
-    return BSplineCurve(knots, 2, points, [1.0, half] * pieces + [1.0])
-
-
-def ellipse(a: float, b: float, at: tuple[float, float] = (0, 0)) -> Loop:
-    """An ellipse of semi-axes a and b."""
-    circle = arc(1.0, 0.0, 2 * np.pi)
-    points = circle.control_points.copy()
-    points[-1] = points[0]
-    return [circle.with_control_points(points * [a, b] + at)]
-
-
-def smooth(points: np.ndarray, closed: bool) -> BSplineCurve:
-    """Cubic interpolating spline, closed smoothly or with natural ends; double knots."""
-    x = np.asarray(points, float)
-    if closed:
-        x = np.append(x, x[:1], axis=0)
-    spans = len(x) - 1
-    slope = CubicSpline(np.arange(spans + 1), x, bc_type="periodic" if closed else "natural")(np.arange(spans + 1), 1)
-    inner = np.stack([x[:-1] + slope[:-1] / 3, x[1:] - slope[1:] / 3], axis=1).reshape(-1, 2)
-    knots = [0.0] * 4 + [float(k) for k in range(1, spans) for _ in "12"] + [float(spans)] * 4
-    return BSplineCurve(knots, 3, np.concatenate([x[:1], inner, x[-1:]]))
+from patchtransfer import Boundary, examples
 
 
 def c_shape() -> Boundary:
@@ -99,12 +37,7 @@ def gear(teeth: int = 10) -> Loop:
 
 def airfoil() -> Boundary:
     """NACA 0012 with a closed trailing edge, in a box."""
-    # The root of x is then a cosine that changes its sign at the nose, which makes the nose smooth.
-    root = np.cos(np.linspace(0, np.pi, 41))
-    root[20] = 0.0
-    x = root**2
-    y = 0.6 * (0.2969 * root + np.sign(root) * (-0.1260 * x - 0.3516 * x**2 + 0.2843 * x**3 - 0.1036 * x**4))
-    return Boundary([rectangle(4, 2), [smooth(np.column_stack([x - 0.5, y]), closed=False)]])
+    return Boundary([rectangle(4, 2), naca("0012")])
 
 
 def blob() -> Boundary:
@@ -146,36 +79,6 @@ NAMED: dict[str, Callable[[], Boundary]] = {
     "blob": blob,
     "fish": fish,
 }
-
-
-def glyph(character: str, family: str) -> Boundary | None:
-    """Outline of a letter or digit; None where it has more than one component."""
-    loops: list[Loop] = []
-    areas: list[float] = []
-    for traced in _subpaths(TextPath((0, 0), character, size=1, prop=FontProperties(family=family))):
-        loops.append(traced)
-        x, y = np.concatenate([curve.control_points[:-1] for curve in traced]).T
-        areas.append(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
-    outer = np.sign(areas[int(np.argmax(np.abs(areas)))])
-    return Boundary(loops) if sum(np.sign(areas) == outer) == 1 else None
-
-
-def _subpaths(path: TracedPath) -> list[Loop]:
-    """Closed loops of a path, its closing lines written out."""
-    loops: list[Loop] = []
-    start = at = np.zeros(2)
-    for vertices, code in path.iter_segments(simplify=False, curves=True):
-        points = vertices.reshape(-1, 2)
-        if code == TracedPath.MOVETO:
-            loops.append([])
-            start = at = points[0]
-            continue
-        if code == TracedPath.CLOSEPOLY:
-            points = start[None]
-        if not np.allclose(points[-1], at, rtol=0, atol=1e-9):
-            loops[-1].append(bezier(np.concatenate([at[None], points])))
-            at = points[-1]
-    return [loop for loop in loops if loop]
 
 
 def random_outline(seed: int) -> Boundary:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import secrets
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -65,7 +64,7 @@ def write_atomic(path: Path, data: str | bytes) -> None:
         raise InputError(f"{path}: this is a folder; name a file in it")
     if not target.parent.is_dir():
         raise InputError(f"{path}: the folder {target.parent} does not exist; create it first")
-    temporary = target.parent / f".{target.name[:100]}.{secrets.token_hex(6)}.tmp"
+    temporary = target.parent / f".{target.name[:100]}.{os.urandom(6).hex()}.tmp"
     try:
         # Not `tempfile`: that creates private files, and the result would keep mode 0600.
         handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)

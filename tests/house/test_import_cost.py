@@ -62,3 +62,47 @@ assert result.certificate.injective
 assert result.rows is None if {continuity!r} == "c0" else result.rows.active > 0
 """
     assert loaded_after(code).isdisjoint({"scipy", "matplotlib"})
+
+
+#: What a transfer has no use for: each takes from 10 to 450 ms to load, the transfer of the wrench 150.
+UNUSED = {
+    "scipy",
+    "matplotlib",
+    "rich",
+    "numpy.ma",
+    "numpy.polynomial",
+    "numpy.random",
+    "numpy.testing",
+    "numpy.fft",
+    "logging",
+    "subprocess",
+    "zipfile",
+    "concurrent",
+    "ezdxf",
+    "rhino3dm",
+    "shapely",
+    "PIL",
+}
+#: Rooms and formats of the package that it does not enter.
+UNENTERED = ("batch", "iga", "mesh", "motion", "paper", "plot", "sources", "io.dxf", "io.mask", "io.npz", "io.vtu")
+
+
+@pytest.mark.parametrize("options", [[], ["--continuity", "c0"], ["-v", "--json", "-"]])
+def test_the_command_transfer_loads_what_it_uses_only(options, tmp_path):
+    """Of an example: its source in XML, its target in SVG and its landmarks, with all the progress and messages."""
+    code = f"""
+import pathlib
+import patchtransfer as pt
+from patchtransfer.cli import main
+example = pathlib.Path(pt.__file__).parent / "examples/wrench"
+given = [str(example / name) for name in ("source.xml", "target.svg")] + ["--landmarks", str(example / "landmarks.csv")]
+try:
+    main(["transfer", *given, "-o", {str(tmp_path / "out.xml")!r}, *{options!r}])
+except SystemExit as end:
+    assert end.code == 0
+"""
+    names = loaded_after(code)
+    assert "patchtransfer.io.svg" in names
+    assert names.isdisjoint(UNUSED)
+    assert names.isdisjoint(f"patchtransfer.{room}" for room in UNENTERED)
+    assert (tmp_path / "out.xml").exists()

@@ -1,6 +1,7 @@
 """Transfers end to end: evidence, refusals, plans, both methods, real models."""
 
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -170,16 +171,22 @@ def test_progress_is_reported():
     target, landmarks = targets.deformed(mp, targets.bend(mp, 30))
     seen = []
     result = pt.transfer(mp, target, landmarks, progress=lambda *a: seen.append(a))
-    assert len(seen) >= 2
-    stage, step, energy, determinant = seen[0]
+    newton = [s for s in seen if s[1]]
+    assert len(newton) >= 2
+    stage, step, energy, determinant = newton[0]
     assert isinstance(stage, str)
     assert step == 1
     assert energy > 2
     assert determinant > 0
-    for name in {s[0] for s in seen}:
-        steps = [s[1] for s in seen if s[0] == name]
+    for name in {s[0] for s in newton}:
+        steps = [s[1] for s in newton if s[0] == name]
         assert steps == list(range(1, len(steps) + 1))
-    assert any("under continuity rows" in s[0] for s in seen)
+    assert any("under continuity rows" in s[0] for s in newton)
+    # A stage is told when it begins, before any number is known; a callable that formats numbers need not look.
+    begun = [s for s in seen if not s[1]]
+    assert [f"{energy:.4g} {determinant:.3g}" for _, _, energy, determinant in begun] == ["nan nan"] * len(begun)
+    assert [s[0] for s in begun[:2]] == ["feasibility", "registration"]
+    assert {s[0] for s in begun} == set(result.timings)
     assert set(result.timings) >= {"registration", "feasibility", "fitting", "optimisation", "certificate", "quality"}
     assert all(t >= 0 for t in result.timings.values())
 
@@ -188,6 +195,52 @@ def test_progress_is_reported():
 
     with pytest.raises(KeyboardInterrupt):
         pt.transfer(mp, target, landmarks, progress=interrupt)
+
+
+class Listener:
+    """A progress that is also told of every stage's end."""
+
+    def __init__(self):
+        self.begun, self.ends = [], []
+
+    def __call__(self, stage, step, energy, determinant):
+        if not step:
+            self.begun.append(stage)
+
+    def ended(self, stage, seconds, found):
+        self.ends.append((stage, seconds, found))
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"continuity": "c0"}, {"method": "paper"}, {"refine": "tolerance", "fit_tolerance": 1e-6}]
+)
+def test_every_stage_is_told_when_it_begins_and_ends(options):
+    mp = models.plate_with_hole(2, 3)
+    target, landmarks = targets.deformed(mp, targets.bend(mp, 30))
+    listener = Listener()
+    # Half of the joints are free to slide.
+    result = pt.transfer(mp, target, landmarks[::2], progress=listener, on_failure="return", **options)
+    assert sorted(listener.begun) == sorted(stage for stage, *_ in listener.ends)
+    # What is logged adds up to what the report says.
+    for stage, seconds in result.timings.items():
+        assert seconds == pytest.approx(sum(s for name, s, _ in listener.ends if name == stage), abs=1e-12)
+    found = {stage: text for stage, _, text in listener.ends}
+    assert re.fullmatch(r"\d+ joints, confidence [01]\.\d\d", found["registration"])
+    assert f"{result.fitted.error:.1e}" in found["fitting"]
+    assert found["certificate"] == "certified"
+    assert f"min {result.quality.scaled_jacobian.min:.3f}" in found["quality"]
+    assert ("sliding" in found) == (options.get("method") != "paper")
+    assert ("refinement" in found) == ("refine" in options)
+    if "optimisation" in found:
+        assert re.match(r"\d+ Newton steps, energy \d", found["optimisation"])
+
+
+def test_a_stage_that_fails_is_not_told_to_have_ended():
+    listener = Listener()
+    with pytest.raises(InfeasibleTargetError):
+        pt.transfer(plate(), moved_hole([0.8, 0]), progress=listener)
+    assert listener.begun == ["feasibility"]
+    assert listener.ends == []
 
 
 # --- refusals -------------------------------------------------------------------------------------

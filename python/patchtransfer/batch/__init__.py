@@ -14,11 +14,12 @@ import io as memory
 import json
 import multiprocessing
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ from .. import interruption, io
 from .._core import __version__, set_threads
 from ..errors import InputError, TransferError
 from ..files import json_text, write_atomic
+from ..geometry.boundary import Boundary
+from ..numeric.arrays import FloatArray
 from ..pipeline.options import Options
 from ..pipeline.plan import TransferPlan
 from ..pipeline.result import NotCertifiedError, failure_of
@@ -43,7 +46,8 @@ NAME = 45
 class BatchOptions(Options):
     """Options of every transfer; `time_limit` is each target's own, `keep_uncertified` writes the best maps.
 
-    `clean`, `smooth` and `layers` are those of `read_boundary`.
+    ``split="auto"`` splits the source once, wherever one of the targets needs it, so that all results have the same
+    patches. `clean`, `smooth` and `layers` are those of `read_boundary`.
     """
 
     keep_uncertified: bool = False
@@ -73,6 +77,8 @@ class BatchRow:
     output : str or None
         The result's file.
     min_scaled_jacobian, mean_scaled_jacobian, boundary_error, confidence, seconds : float or None
+    patches : int or None
+        How many the result has: the same for all, more than the source where it was split.
     refined : bool or None
         Whether the result has more knots than the source, so that it has no coefficients in common with the others.
     landmarks : bool
@@ -89,6 +95,7 @@ class BatchRow:
     min_scaled_jacobian: float | None = None
     mean_scaled_jacobian: float | None = None
     boundary_error: float | None = None
+    patches: int | None = None
     refined: bool | None = None
     confidence: float | None = None
     seconds: float | None = None
@@ -162,7 +169,10 @@ def run_batch(
     jobs = _jobs(source, [Path(t) for t in targets], folder)
     model = io.read(source)
     plan = TransferPlan(model) if continuity is None else TransferPlan(model, continuity)
-    common = _digest(__version__.encode(), source.read_bytes(), json.dumps([asdict(options), plan.continuity]).encode())
+    plan, one = _split(plan, jobs, options)
+    division = None if plan.split is None else plan.split.to_dict()
+    settings = json.dumps([asdict(options), plan.continuity, division])
+    common = _digest(__version__.encode(), source.read_bytes(), settings.encode())
     jobs = [_keyed(job, common) for job in jobs]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -182,10 +192,26 @@ def run_batch(
             left.append(job)
         else:
             done(job, finished)
-    results = _here(plan, left, options) if workers == 1 else _in_processes(plan, left, options, workers)
+    results = _here(plan, left, one) if workers == 1 else _in_processes(plan, left, one, workers)
     for job, row in results:
         done(job, row)
     return [rows[job.target] for job in jobs]
+
+
+def _split(plan: TransferPlan, jobs: Sequence[_Job], options: BatchOptions) -> tuple[TransferPlan, BatchOptions]:
+    """The plan of a source that has joints for all targets, if that is asked for, and options that keep its patches."""
+    if options.split == "never":
+        return plan, options
+    targets, landmarks = [], []
+    for job in jobs:
+        # What is wrong with a file is said when its turn comes.
+        with suppress(Exception), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            target, points = _read(job, options)
+            targets.append(target)
+            landmarks.append(points)
+    split = plan.split_for(targets, landmarks, skip_failures=True, **options.keywords())
+    return split, replace(options, split="never")
 
 
 def write_summary(rows: Sequence[BatchRow], folder: str | Path) -> None:
@@ -252,14 +278,19 @@ def _finished(job: _Job) -> BatchRow | None:
         return None
 
 
+def _read(job: _Job, options: BatchOptions) -> tuple[Boundary, FloatArray | None]:
+    """The target and its landmarks."""
+    target = io.read_boundary(job.target, clean=options.clean, smooth=options.smooth, layers=options.layers)
+    return target, None if job.landmarks is None else io.read_landmarks(job.landmarks)
+
+
 def _transfer(plan: TransferPlan, job: _Job, options: BatchOptions) -> BatchRow:
     """Do one target and write its files; failures become rows."""
     begin = time.perf_counter()
     landmarks = job.landmarks is not None
     content: dict[str, Any] = {}
     try:
-        target = io.read_boundary(job.target, clean=options.clean, smooth=options.smooth, layers=options.layers)
-        points = None if job.landmarks is None else io.read_landmarks(job.landmarks)
+        target, points = _read(job, options)
         result = plan.transfer(target, points, **options.keywords())
     except BaseException as error:
         if isinstance(error, (KeyboardInterrupt, SystemExit)):
@@ -290,6 +321,7 @@ def _transfer(plan: TransferPlan, job: _Job, options: BatchOptions) -> BatchRow:
             min_scaled_jacobian=metrics.min,
             mean_scaled_jacobian=metrics.mean,
             boundary_error=result.boundary_error,
+            patches=len(result.multipatch),
             refined=result.refined,
             confidence=result.registration.confidence,
             seconds=time.perf_counter() - begin,

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import continuity_option, outline_options, transfer_options
-from .support import INTERRUPTED, NOT_CERTIFIED, Report, escape, failures, keep_inputs, print_error, print_line, say
+from .options import continuity_option, outline_options, transfer_options, verbose_option
+from .streams import one_line, print_error, print_line, say, table, told
+from .support import INTERRUPTED, NOT_CERTIFIED, Report, failures, keep_inputs
 
 if TYPE_CHECKING:
     from ..batch import BatchRow
@@ -30,6 +31,7 @@ __all__ = ["batch"]
     "--workers", type=click.IntRange(1, 256), metavar="N", help="Processes (default: one a core, at most one a target)."
 )
 @click.option("--force", is_flag=True, help="Do finished targets again.")
+@verbose_option
 def batch(
     source: str,
     targets: tuple[str, ...],
@@ -37,6 +39,7 @@ def batch(
     continuity: str,
     workers: int | None,
     force: bool,
+    verbose: bool,
     **options: Any,
 ) -> None:
     """Transfer SOURCE to all TARGETS; for NAME.svg write NAME.xml and NAME.report.json to DIR.
@@ -51,7 +54,7 @@ def batch(
     with failures(Report(None)):
         keep_inputs([source, *targets], [os.path.join(output, name) for name in SUMMARY])
         try:
-            with _bar(len(targets)) as progress:
+            with _bar(len(targets), verbose) as progress:
                 rows = run_batch(
                     source,
                     targets,
@@ -71,44 +74,57 @@ def batch(
 
 
 @contextmanager
-def _bar(total: int) -> Iterator[Callable[[BatchRow], None] | None]:
-    """A progress bar on terminals, nothing when piped."""
+def _bar(total: int, verbose: bool) -> Iterator[Callable[[BatchRow], None] | None]:
+    """A progress bar on terminals, and a line for every target where asked for; nothing when piped without."""
+    if not sys.stderr.isatty():
+        yield (lambda row: print_line(_line(row))) if verbose else None
+        return
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=total)
-        yield lambda row: bar.update(task, advance=1, description=f"{os.path.basename(row.target)}: {row.status}")
+
+        def done(row: BatchRow) -> None:
+            if verbose:
+                bar.console.print(_line(row), soft_wrap=True, highlight=False, markup=False, emoji=False)
+            bar.update(task, advance=1, description=escape(f"{os.path.basename(row.target)}: {row.status}"))
+
+        yield done
+
+
+def _line(row: BatchRow) -> str:
+    """A target that is finished, with its seconds and the figures that matter."""
+    seconds = "finished before" if row.skipped else f"{row.seconds or 0.0:.3f} s"
+    figures = [] if row.boundary_error is None else [f"boundary error {row.boundary_error:.1e} of the diameter"]
+    if row.min_scaled_jacobian is not None:
+        figures.append(f"scaled Jacobian min {row.min_scaled_jacobian:.3f}, mean {row.mean_scaled_jacobian:.3f}")
+    return one_line(", ".join([f"{row.target}: {seconds}", row.status, *figures]))
 
 
 def _table(rows: list[BatchRow]) -> None:
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False)
-    for name in ("target", "status", "min", "mean", "boundary error", "time", ""):
-        table.add_column(name, justify="left" if name in ("target", "status", "") else "right")
-
     def number(x: float | None, form: str) -> str:
         return "-" if x is None else format(x, form)
 
+    lines = [("target", "status", "min", "mean", "boundary error", "time", "")]
     for row in rows:
-        table.add_row(
-            escape(os.path.basename(row.target)),
-            f"[{'green' if row.ok else 'red'}]{row.status}[/]",
-            number(row.min_scaled_jacobian, ".3f"),
-            number(row.mean_scaled_jacobian, ".3f"),
-            number(row.boundary_error, ".1e"),
-            "-" if row.seconds is None else f"{row.seconds:.2f} s",
-            "finished before" if row.skipped else "",
+        lines.append(
+            (
+                one_line(os.path.basename(row.target)),
+                click.style(row.status, fg="green" if row.ok else "red"),
+                number(row.min_scaled_jacobian, ".3f"),
+                number(row.mean_scaled_jacobian, ".3f"),
+                number(row.boundary_error, ".1e"),
+                "-" if row.seconds is None else f"{row.seconds:.2f} s",
+                "finished before" if row.skipped else "",
+            )
         )
     done = sum(row.ok for row in rows)
-    say(table, f"{done} of {len(rows)} targets certified, {sum(row.skipped for row in rows)} finished before")
+    count = f"{done} of {len(rows)} targets certified, {sum(row.skipped for row in rows)} finished before"
+    say(table(lines, right=range(2, 6)), count)
     for row in rows:
         if row.error is not None:
-            reason = row.error.removeprefix(f"{row.target}: ")
-            print_line(f"[bold red]{escape(row.target)}:[/] {escape(reason)}")
+            print_line(told(row.target, row.error.removeprefix(f"{row.target}: "), "red", bold=True))

@@ -7,9 +7,11 @@ from functools import partial
 import click
 
 from ..errors import InputError
+from ..progress import Clock
 from .delivery import deliver, draw_patches, leave
-from .options import json_option, keep_uncertified_option, outline_options
+from .options import json_option, keep_uncertified_option, outline_options, verbose_option
 from .support import Report, check_outputs, failures, keep_inputs
+from .watch import watched
 
 __all__ = ["build"]
 
@@ -21,12 +23,14 @@ __all__ = ["build"]
 @outline_options
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
 @json_option
+@verbose_option
 def build(
     layout: str,
     output: str,
     keep_uncertified: bool,
     plot_path: str | None,
     json_path: str | None,
+    verbose: bool,
     clean: bool,
     smooth: bool | None,
     layers: tuple[str, ...] | None,
@@ -38,19 +42,23 @@ def build(
     report = Report(json_path)
     with failures(report):
         check_outputs(model=output, picture=plot_path, report=json_path)
-        given = io.read_layout(layout, clean=clean, smooth=smooth, layers=layers)
-        keep_inputs([layout, given.boundary_file], [output, plot_path, json_path])
-        try:
-            result = from_layout(
-                given.vertices,
-                given.quads,
-                given.boundary,
-                given.degree,
-                given.spans,
-                assignment=given.assignment,
-                on_failure="return" if keep_uncertified else "raise",
-            )
-        except InputError as error:
-            raise InputError(f"{layout}: {error}") from None
-        deliver(result, output, report, [(plot_path, partial(draw_patches, result))], given.boundary)
+        with watched(verbose) as progress:
+            with Clock(progress)("reading") as stage:
+                given = io.read_layout(layout, clean=clean, smooth=smooth, layers=layers)
+                keep_inputs([layout, given.boundary_file], [output, plot_path, json_path])
+                stage.found = f"{len(given.quads)} quads, {given.boundary!r}"
+            try:
+                result = from_layout(
+                    given.vertices,
+                    given.quads,
+                    given.boundary,
+                    given.degree,
+                    given.spans,
+                    assignment=given.assignment,
+                    on_failure="return" if keep_uncertified else "raise",
+                    progress=progress,
+                )
+            except InputError as error:
+                raise InputError(f"{layout}: {error}") from None
+        deliver(result, output, report, [(plot_path, partial(draw_patches, result))], given.boundary, verbose)
     leave(result)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import click
 
-from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, say
+from .streams import say
+from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs
 
 __all__ = ["convert"]
 

@@ -7,7 +7,12 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from .support import NOT_CERTIFIED, Report, all_or_nothing, escape, print_line, say, warn
+import click
+
+from ..progress import Clock
+from .streams import one_line, print_line, say, table, told, warn
+from .support import NOT_CERTIFIED, Report, all_or_nothing
+from .watch import watched
 
 if TYPE_CHECKING:
     from ..geometry.boundary import Boundary
@@ -22,6 +27,7 @@ def deliver(
     report: Report,
     pictures: Sequence[tuple[str | None, Callable[[str], None]]],
     outline: Boundary,
+    verbose: bool = False,
 ) -> None:
     """Write pictures (path, or None for none, and what draws there), model and report, all or none of them.
 
@@ -35,15 +41,17 @@ def deliver(
     if error is not None:
         content["error"] = str(error)
     with all_or_nothing(output, *(path for path, _ in pictures), report.path):
-        for path, draw in pictures:
-            if path is not None:
-                draw(path)
-        io.write(result.multipatch, output)
+        with watched(verbose) as progress, Clock(progress)("writing") as stage:
+            for path, draw in pictures:
+                if path is not None:
+                    draw(path)
+            io.write(result.multipatch, output)
+            stage.found = ", ".join([*(path for path, _ in pictures if path is not None), output])
         report.write(content)
         if report.path != "-":
             summary(content, output)
     for note in outline.notes:
-        print_line(f"[cyan]note:[/] {escape(note)}")
+        print_line(told("note", note, "cyan"))
 
 
 def leave(result: TransferResult) -> NoReturn:
@@ -61,62 +69,66 @@ def draw_patches(result: TransferResult, path: str) -> None:
 
 def summary(content: dict[str, Any], output: str | None) -> None:
     """Certificate, metrics, errors and times as a table."""
-    from rich.table import Table
+    lines: list[tuple[str, str]] = []
 
-    table = Table(show_header=False, box=None, pad_edge=False)
+    def add(name: str, text: str) -> None:
+        lines.append((name, text))
+
     certificate, metrics = content["certificate"], content["quality"]
     bound = f", det J ≥ {certificate['lower_bound']:.3g} of its mean" if certificate["status"] == "certified" else ""
     colour = "green" if certificate["injective"] else "red"
-    table.add_row("certificate", f"[bold {colour}]{certificate['status']}[/]{bound}")
+    add("certificate", click.style(certificate["status"], fg=colour, bold=True) + bound)
     for name in ("scaled_jacobian", "condition_number"):
         low, mean, high = (_number(metrics[name][k]) for k in ("min", "mean", "max"))
-        table.add_row(name.replace("_", " "), f"min {low}   mean {mean}   max {high}")
+        add(name.replace("_", " "), f"min {low}   mean {mean}   max {high}")
     if "corner_bound" in content:
-        table.add_row("  corners allow at most", _number(content["corner_bound"]))
+        add("  corners allow at most", _number(content["corner_bound"]))
     kink = content["continuity"]["kink_deg"]
-    table.add_row("kink across patches", f"mean {_number(kink['mean'])}°   max {_number(kink['max'])}°")
+    add("kink across patches", f"mean {_number(kink['mean'])}°   max {_number(kink['max'])}°")
     smooth = content["continuity"]
-    table.add_row(
+    add(
         "residuals across patches",
         f"C0 {smooth['c0_gap']:.1e}   C1 rows {smooth['c1_residual']:.1e}   AS-G1 {smooth['as_g1_residual']:.1e}",
     )
     if smooth.get("rows") is not None:
         rows = smooth["rows"]
-        table.add_row(
-            "continuity rows", f"{rows['active']} kept to {rows['residual']:.1e}, {rows['left_out']} left out"
-        )
+        add("continuity rows", f"{rows['active']} kept to {rows['residual']:.1e}, {rows['left_out']} left out")
     if "topology" in content:
         topology = content["topology"]
         valences = ", ".join(map(str, sorted(v["valence"] for v in topology["extraordinary_vertices"])))
-        table.add_row(
+        add(
             "topology",
             f"{topology['patches']} patches, {topology['interfaces']} interfaces, "
             f"{topology['boundary_loops']} boundary loops, valences of extraordinary vertices: {valences or 'none'}",
         )
     if content.get("labels"):
-        table.add_row("labels", "; ".join(_label(*item) for item in content["labels"].items()))
+        add("labels", "; ".join(_label(*item) for item in content["labels"].items()))
     if "patches" in content:
-        table.add_row("patches", str(content["patches"]))
+        add("patches", str(content["patches"]))
+    if content.get("split") is not None:
+        corners, origin = content["split"]["corners"], content["split"]["origin"]
+        before = len({piece["patch"] for piece in origin})
+        add("split", f"{before} -> {len(origin)} patches, for {len(corners)} corners of the target")
     if "boundary_error" in content:
-        table.add_row("boundary error", f"{content['boundary_error']:.2e} of the diameter")
+        add("boundary error", f"{content['boundary_error']:.2e} of the diameter")
         missed = content.get("registration", {}).get("missed_corners")
         if missed:
             worst = max(corner["cost"] for corner in missed)
-            table.add_row("  corners inside sides", f"{len(missed)}, rounded off by about {worst:.1e} at most")
+            add("  corners inside sides", f"{len(missed)}, rounded off by about {worst:.1e} at most")
         times = content["timings"]
-        table.add_row("time", f"{1e3 * sum(times.values()):.1f} ms")
+        add("time", f"{1e3 * sum(times.values()):.1f} ms")
         for stage, seconds in times.items():
-            table.add_row(f"  {stage}", f"{1e3 * seconds:.1f} ms")
+            add(f"  {stage}", f"{1e3 * seconds:.1f} ms")
     if output is not None:
-        table.add_row("written", output)
-    say(table)
+        add("written", output)
+    say(table(lines))
 
 
 def _label(name: str, sides: list[dict[str, int]]) -> str:
     from ..geometry.sides import Side
 
     where = ", ".join(f"{side['patch']} {Side(side['side']).name.lower()}" for side in sides)
-    return f"{escape(name)}: {where or 'no side'}"
+    return f"{one_line(name)}: {where or 'no side'}"
 
 
 def _number(x: float | None) -> str:

@@ -7,7 +7,10 @@ import os
 import click
 
 from .delivery import summary
-from .support import Report, failures, say, status_line, warn
+from .options import verbose_option
+from .streams import say, warn
+from .support import Report, failures
+from .watch import watched
 
 __all__ = ["examples"]
 
@@ -15,7 +18,8 @@ __all__ = ["examples"]
 @click.command()
 @click.argument("name", required=False)
 @click.option("-o", "--output", metavar="DIR", help="Folder for all files (default: the example's name).")
-def examples(name: str | None, output: str | None) -> None:
+@verbose_option
+def examples(name: str | None, output: str | None, verbose: bool) -> None:
     """List the bundled examples, or run the example NAME and keep its files in DIR."""
     from .. import examples as bundled
 
@@ -23,7 +27,7 @@ def examples(name: str | None, output: str | None) -> None:
         say(*(f"{key}: {description}" for key, description in bundled.EXAMPLES.items()))
         return
     folder = name if output is None else output
-    with failures(Report(None)), status_line() as progress:
+    with failures(Report(None)), watched(verbose) as progress:
         result = bundled.run(name, folder, progress)
     summary(result.to_dict(), os.path.join(folder, ""))
     warn(result.warnings)

@@ -11,7 +11,8 @@ from ..errors import InputError
 from ..limits import MAX_ALONG, MAX_CONTROL_POINTS, MAX_DEGREE, at_most
 from .delivery import summary
 from .options import json_option
-from .support import NOT_CERTIFIED, Report, all_or_nothing, check_outputs, failures, keep_inputs, say, warn
+from .streams import say, warn
+from .support import NOT_CERTIFIED, Report, all_or_nothing, check_outputs, failures, keep_inputs
 
 if TYPE_CHECKING:
     from ..geometry.multipatch import MultiPatch

@@ -17,9 +17,14 @@ __all__ = [
     "keep_uncertified_option",
     "outline_options",
     "transfer_options",
+    "verbose_option",
 ]
 
 json_option = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
+
+verbose_option = click.option(
+    "-v", "--verbose", is_flag=True, help="A line on standard error for every stage: its seconds, what it came to."
+)
 
 
 def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -87,6 +92,14 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
                 show_default=True,
                 help="auto: insert knots into the source where it misses the target by 5 times the fit tolerance; "
                 "refine it if no certified map is found. tolerance: wherever it misses by more than the tolerance.",
+            ),
+            click.option(
+                "--split",
+                type=click.Choice(CHOICES["split"]),
+                default=Options.split,
+                show_default=True,
+                help="auto: split the source's patches, in whole strips, where the target has corners that no joint "
+                "of the source takes.",
             ),
             fit_tolerance_option,
             click.option(

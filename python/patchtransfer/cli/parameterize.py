@@ -6,9 +6,18 @@ from functools import partial
 
 import click
 
+from ..progress import Clock
 from .delivery import deliver, draw_patches, leave
-from .options import continuity_option, fit_tolerance_option, json_option, keep_uncertified_option, outline_options
-from .support import Report, check_outputs, failures, keep_inputs, set_threads, status_line
+from .options import (
+    continuity_option,
+    fit_tolerance_option,
+    json_option,
+    keep_uncertified_option,
+    outline_options,
+    verbose_option,
+)
+from .support import Report, check_outputs, failures, keep_inputs, set_threads
+from .watch import watched
 
 __all__ = ["parameterize"]
 
@@ -35,6 +44,7 @@ __all__ = ["parameterize"]
 @outline_options
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
 @json_option
+@verbose_option
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
 def parameterize(
     outline: str,
@@ -49,6 +59,7 @@ def parameterize(
     keep_uncertified: bool,
     plot_path: str | None,
     json_path: str | None,
+    verbose: bool,
     threads: int | None,
     layers: tuple[str, ...] | None,
     clean: bool,
@@ -67,8 +78,10 @@ def parameterize(
         check_outputs(model=output, picture=plot_path, report=json_path)
         keep_inputs([outline], [output, plot_path, json_path])
         set_threads(threads)
-        boundary = io.read_boundary(outline, clean=clean, smooth=smooth, layers=layers)
-        with status_line("reading", _stage) as progress:
+        with watched(verbose, _stage) as progress:
+            with Clock(ended=progress and progress.ended)("reading") as stage:
+                boundary = io.read_boundary(outline, clean=clean, smooth=smooth, layers=layers)
+                stage.found = repr(boundary)
             result = run(
                 boundary,
                 degree=degree,
@@ -81,7 +94,7 @@ def parameterize(
                 on_failure="return" if keep_uncertified else "raise",
                 progress=progress,
             )
-        deliver(result, output, report, [(plot_path, partial(draw_patches, result))], boundary)
+        deliver(result, output, report, [(plot_path, partial(draw_patches, result))], boundary, verbose)
     leave(result)
 
 

@@ -9,7 +9,8 @@ import click
 
 from ..errors import InputError
 from .options import json_option
-from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, say, set_threads, warn
+from .streams import say, table, warn
+from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, set_threads
 
 if TYPE_CHECKING:
     from ..iga import PoissonResult
@@ -107,14 +108,10 @@ def _unresolved(result: PoissonResult) -> list[str]:
 
 
 def _summary(content: dict[str, object]) -> None:
-    from rich.table import Table
-
-    table = Table(show_header=False, box=None, pad_edge=False)
-    for key in ("degree", "points", "dofs"):
-        table.add_row(key, str(content[key]))
+    rows = [(key, str(content[key])) for key in ("degree", "points", "dofs")]
     for key in ("l2_error", "h1_error", "max_error", "exact_max") if content["l2_error"] is not None else ():
-        table.add_row(key.replace("_", " "), f"{content[key]:.3e}")
+        rows.append((key.replace("_", " "), f"{content[key]:.3e}"))
     timings = content["timings"]
     assert isinstance(timings, dict)
-    table.add_row("time", f"{1e3 * sum(timings.values()):.1f} ms")
-    say(table)
+    rows.append(("time", f"{1e3 * sum(timings.values()):.1f} ms"))
+    say(table(rows))

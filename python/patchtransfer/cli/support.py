@@ -5,22 +5,17 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO, cast
+from typing import Any, cast
 
 import click
-from rich import markup
-from rich.console import Console, RenderableType
 
 from .. import interruption
 from ..errors import InfeasibleTargetError, InputError, InputWarning, TransferError
 from ..files import json_text, write_atomic
-
-if TYPE_CHECKING:
-    pass
+from .streams import print_error, warn, write_out
 
 __all__ = [
     "INTERRUPTED",
@@ -29,24 +24,13 @@ __all__ = [
     "Report",
     "all_or_nothing",
     "check_outputs",
-    "escape",
     "failures",
     "keep_inputs",
     "only_own_warnings",
-    "print_error",
-    "print_line",
-    "say",
     "set_threads",
-    "status_line",
-    "warn",
-    "write_out",
 ]
 
 NOT_CERTIFIED, BAD_INPUT, INTERRUPTED = 1, 2, 130
-#: Letters of a message: names in files may be as long as the file.
-MAX_LINE = 2000
-#: Piped output has no width to respect.
-PIPED_WIDTH = 160
 
 
 @contextmanager
@@ -66,69 +50,6 @@ def all_or_nothing(*paths: str | None) -> Iterator[None]:
             elif file.read_bytes() != content:
                 file.write_bytes(content)
         raise
-
-
-def say(*items: RenderableType) -> None:
-    """Texts and tables on standard output; `InputError` when it takes no more."""
-    text = StringIO()
-    console = _console(text, sys.stdout, None if sys.stdout.isatty() else PIPED_WIDTH)
-    for item in items:
-        console.print(item, markup=not isinstance(item, str), soft_wrap=isinstance(item, str))
-    write_out(text.getvalue())
-
-
-def _console(file: StringIO, stream: TextIO, width: int | None) -> Console:
-    """Console that lays texts out in memory as for a stream: the library's own writing fails in ways of its own."""
-    return Console(file=file, force_terminal=stream.isatty(), width=width, highlight=False)
-
-
-def write_out(text: str) -> None:
-    """Text on standard output as it is; `InputError` when it takes no more."""
-    encoding = sys.stdout.encoding or "utf-8"
-    try:
-        # Names of files may hold bytes that are no text, and a terminal may know few letters.
-        sys.stdout.write(text.encode(encoding, "backslashreplace").decode(encoding))
-        sys.stdout.flush()
-    except OSError as error:
-        _abandon(sys.stdout)
-        raise InputError(
-            f"standard output cannot be written ({error.strerror or error}); write to a file on a disk with space"
-        ) from None
-
-
-def print_error(message: str) -> None:
-    """One line on standard error."""
-    print_line(f"[bold red]error:[/] {escape(message)}")
-
-
-def warn(warnings: Iterable[str]) -> None:
-    """A line each on standard error."""
-    for warning in warnings:
-        print_line(f"[yellow]warning:[/] {escape(warning)}")
-
-
-def print_line(text: str) -> None:
-    """A line of markup on standard error."""
-    line = StringIO()
-    _console(line, sys.stderr, None).print(text, soft_wrap=True)
-    try:
-        sys.stderr.write(line.getvalue())
-        sys.stderr.flush()
-    except OSError:
-        # There is no place left to say so; the exit status does.
-        _abandon(sys.stderr)
-
-
-def _abandon(stream: TextIO) -> None:
-    """Let what a stream still holds go nowhere: Python would complain about it at exit and change the status."""
-    with suppress(OSError, ValueError), open(os.devnull, "wb") as nowhere:
-        os.dup2(nowhere.fileno(), stream.fileno())
-
-
-def escape(text: str) -> str:
-    """Text on one line, without markup."""
-    line = " ".join(str(text).split())
-    return markup.escape(line if len(line) <= MAX_LINE else f"{line[:MAX_LINE]} ...")
 
 
 @contextmanager
@@ -267,21 +188,3 @@ def set_threads(threads: int | None) -> None:
         from .._core import set_threads as core_set_threads
 
         core_set_threads(threads)
-
-
-def newton_step(stage: str, step: int, energy: float, determinant: float) -> str:
-    """What a transfer tells of its progress."""
-    return f"{stage}: step {step}, energy {energy:.4g}, smallest determinant {determinant:.3g}"
-
-
-@contextmanager
-def status_line(
-    first: str = "transferring", line: Callable[..., str] = newton_step
-) -> Iterator[Callable[..., None] | None]:
-    """A status line on terminals, nothing when piped: a callback that shows `line` of what it is told."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    with console.status(first) as status:
-        yield lambda *told: status.update(line(*told))

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..progress import Clock
 from .delivery import deliver, leave
-from .options import chosen, continuity_option, json_option, outline_options, transfer_options
-from .support import Report, check_outputs, failures, keep_inputs, set_threads, status_line
+from .options import chosen, continuity_option, json_option, outline_options, transfer_options, verbose_option
+from .support import Report, check_outputs, failures, keep_inputs, set_threads
+from .watch import watched
 
 if TYPE_CHECKING:
     from ..geometry.boundary import Boundary
@@ -30,6 +32,7 @@ __all__ = ["transfer"]
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
 @click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
 @json_option
+@verbose_option
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
 def transfer(
     source: str,
@@ -40,6 +43,7 @@ def transfer(
     plot_path: str | None,
     plot_registration: str | None,
     json_path: str | None,
+    verbose: bool,
     threads: int | None,
     layers: tuple[str, ...] | None,
     clean: bool,
@@ -60,15 +64,17 @@ def transfer(
         check_outputs(picture=plot_registration)
         keep_inputs([source, target, landmarks], [output, plot_path, plot_registration, json_path])
         set_threads(threads)
-        model, boundary = io.read(source), io.read_boundary(target, clean=clean, smooth=smooth, layers=layers)
-        points = None if landmarks is None else io.read_landmarks(landmarks)
-        with status_line() as progress:
+        with watched(verbose) as progress:
+            with Clock(progress)("reading") as stage:
+                model, boundary = io.read(source), io.read_boundary(target, clean=clean, smooth=smooth, layers=layers)
+                points = None if landmarks is None else io.read_landmarks(landmarks)
+                stage.found = f"{model!r}, {boundary!r}" + ("" if points is None else f", {len(points)} landmarks")
             result = run(model, boundary, points, continuity, progress=progress, **chosen(options).keywords())
         pictures = [
             (plot_path, partial(_draw_transfer, model, boundary, result)),
             (plot_registration, partial(_draw_registration, model, boundary, result)),
         ]
-        deliver(result, output, report, pictures, boundary)
+        deliver(result, output, report, pictures, boundary, verbose)
     leave(result)
 
 

@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from ..geometry.basis import collocation_matrix, greville, reverse_knots
-from ..numeric.arrays import FloatArray
+from ..numeric.arrays import FloatArray, distinct
 from .interfaces import ControlRows
 
 __all__ = ["conditions", "discontinuities", "evaluated"]
@@ -70,7 +70,7 @@ def discontinuities(knots: FloatArray, degree: int) -> tuple[FloatArray, FloatAr
     """Inner breaks (m,), and the jumps (m, n) there of the basis functions' first derivative that is not continuous."""
     inner, multiplicity = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
     backwards = reverse_knots(knots)
-    mirrored = np.unique(backwards[degree + 1 : -degree - 1])[::-1]
+    mirrored = distinct(backwards[degree + 1 : -degree - 1])[::-1]
     jumps = np.empty((len(inner), len(knots) - degree - 1))
     for k, order in enumerate(degree + 1 - multiplicity):
         before = collocation_matrix(backwards, degree, mirrored[k : k + 1], int(order))[0, ::-1]

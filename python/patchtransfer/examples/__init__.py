@@ -19,7 +19,7 @@ from ..numeric.arrays import FloatArray
 from ..pipeline.plan import transfer
 from ..pipeline.result import TransferResult
 from ..plot import figures as plot
-from ..progress import Progress
+from ..progress import Clock, Progress
 
 __all__ = ["EXAMPLES", "load", "run"]
 
@@ -112,18 +112,23 @@ def run(name: str, folder: str | os.PathLike[str], progress: Progress | None = N
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: the folder cannot be made ({error.strerror}); choose another one") from None
-    for item in INPUTS:
-        write_atomic(folder / item, (files(__name__) / name / item).read_bytes())
-    source, target, landmarks = load(name)
+    clock = Clock(progress)
+    with clock("reading") as stage:
+        for item in INPUTS:
+            write_atomic(folder / item, (files(__name__) / name / item).read_bytes())
+        source, target, landmarks = load(name)
+        stage.found = f"{source!r}, {target!r}, {len(landmarks)} landmarks"
     result = transfer(source, target, landmarks, progress=progress)
     metrics = result.quality.scaled_jacobian
     caption = f"{result.certificate.status}; scaled Jacobian at least {metrics.min:.3f}, mean {metrics.mean:.3f}"
-    plot.savefig(plot.transfer(source, target, result.multipatch, caption=caption), folder / "transfer.png")
-    pairs = [[*a, *b] for a, b in result.registration.joints]
-    fitted = result.multipatch.boundary()
-    plot.savefig(plot.registration(source.boundary(), fitted, pairs, target), folder / "registration.png")
-    io.write(result.multipatch, folder / "result.xml")
-    write_atomic(folder / "report.json", json_text(result.to_dict()))
+    with clock("writing") as stage:
+        plot.savefig(plot.transfer(source, target, result.multipatch, caption=caption), folder / "transfer.png")
+        pairs = [[*a, *b] for a, b in result.registration.joints]
+        fitted = result.multipatch.boundary()
+        plot.savefig(plot.registration(source.boundary(), fitted, pairs, target), folder / "registration.png")
+        io.write(result.multipatch, folder / "result.xml")
+        write_atomic(folder / "report.json", json_text(result.to_dict()))
+        stage.found = str(folder)
     return result
 
 

@@ -22,7 +22,7 @@ from ..numeric.arrays import FloatArray
 from ..registration.register import Registration
 from .fit import FittedBoundary
 
-__all__ = ["insert_in_strips", "missed_spans", "span_middles"]
+__all__ = ["insert_in_strips", "lone_spans", "missed_spans", "span_middles"]
 
 #: A knot to insert: patch, axis of the knot vector, parameter.
 Knot = tuple[int, int, float]
@@ -87,6 +87,11 @@ def span_middles(patches: Sequence[Patch]) -> list[Knot]:
             breaks = knot_spans(patch.knots[axis])
             middles += [(k, axis, float(t)) for t in (breaks[:-1] + breaks[1:]) / 2]
     return middles
+
+
+def lone_spans(patches: Sequence[Patch]) -> list[Knot]:
+    """The middle of every direction of a patch that has a single span."""
+    return [(k, axis, t) for k, axis, t in span_middles(patches) if len(knot_spans(patches[k].knots[axis])) == 2]
 
 
 def missed_spans(

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..numeric.arrays import FloatArray, IntArray
+from .._core import gauss
+from ..numeric.arrays import FloatArray, IntArray, distinct
 from ..numeric.dense import product
 from .basis import collocation_matrix
 from .patch import Patch
@@ -98,8 +99,8 @@ def sides_around(patches: Sequence[Patch]) -> list[SideGroup]:
 def _area_form(knot_bytes: bytes, degree: int) -> FloatArray:
     """Matrix of ∫ N_i N_j' dt."""
     knots = np.frombuffer(knot_bytes)
-    breaks = np.unique(knots)
-    t, w = np.polynomial.legendre.leggauss(degree)
+    breaks = distinct(knots)
+    t, w = gauss(degree)
     half = np.diff(breaks)[:, None] / 2
     nodes, weights = (breaks[:-1, None] + half * (t + 1)).ravel(), (half * w).ravel()
     return np.asarray(

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .._core import evaluate_spline
 from ..errors import InputError
 from ..limits import LARGEST, MAX_KNOT_RATIO, MAX_WEIGHT_RATIO
-from ..numeric.arrays import FloatArray, IntArray, frozen_array
+from ..numeric.arrays import FloatArray, IntArray, distinct, frozen_array
 
 __all__ = [
     "check_inside",
@@ -118,7 +118,7 @@ def check_order(order: int, what: str) -> None:
 
 def knot_spans(knots: ArrayLike) -> FloatArray:
     """Distinct knots, the breaks between spans."""
-    return np.unique(np.asarray(knots, dtype=np.float64))
+    return distinct(np.asarray(knots, dtype=np.float64))
 
 
 def reverse_knots(knots: FloatArray) -> FloatArray:
@@ -278,7 +278,7 @@ def _polar_form(knots: FloatArray, degree: int, at: FloatArray) -> tuple[int, Fl
     """
     start = max(int(np.searchsorted(knots, at[0])) - degree - 1, 0)
     local = knots[start : int(np.searchsorted(knots, at[-1], side="right")) + degree + 1]
-    values = np.unique(at)
+    values = distinct(at)
     there, wanted = (np.searchsorted(t, values, "right") - np.searchsorted(t, values) for t in (local, at))
     local, parts = insert_knots(local, degree, np.eye(len(local) - degree - 1), values[wanted > there])
     last = int(np.searchsorted(local, at[0], side="right")) - 1

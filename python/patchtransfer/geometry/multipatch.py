@@ -16,7 +16,7 @@ from .._core import Locator
 from ..errors import InputError, InputWarning
 from ..numeric.arrays import FloatArray, IntArray, frozen_array
 from . import display, exchange
-from .blocks import Block, renumbered
+from .blocks import Block, Parts, renumbered
 from .boundary import Boundary
 from .conformity.conforming import Conforming, conforming
 from .interfaces import check_interfaces, infer_interfaces
@@ -284,11 +284,18 @@ class MultiPatch:
         made = conforming(self.patches, self.interfaces, weld)
         if made.patches == list(self.patches) and made.interfaces == list(self.interfaces):
             return self, made, []
+        pieces, lost = self._in_pieces(made.patches, made.interfaces, made.parts)
+        return pieces, made, lost
+
+    def _in_pieces(
+        self, patches: Sequence[Patch], interfaces: Sequence[Interface], parts: Parts
+    ) -> tuple[MultiPatch, list[str]]:
+        """The model of patches that these were cut into, and what in its blocks could not follow."""
         first = max(self.ids) + 1
-        ids = [*self.ids, *range(first, first + len(made.patches) - len(self.ids))]
-        labels, _ = relabelled(self.sides, made.parts)
-        blocks, lost = renumbered(self.blocks, made.parts) if len(made.patches) > len(self) else (self.blocks, [])
-        return MultiPatch(made.patches, made.interfaces, ids, labels, blocks), made, lost
+        ids = [*self.ids, *range(first, first + len(patches) - len(self.ids))]
+        labels, _ = relabelled(self.sides, parts)
+        blocks, lost = renumbered(self.blocks, parts) if len(patches) > len(self) else (self.blocks, [])
+        return MultiPatch(patches, interfaces, ids, labels, blocks), lost
 
     def _in_other_space(self, change: Callable[[Patch], Patch]) -> MultiPatch:
         """The multi-patch of changed patches; rounding may part glued points, so they are welded where they agreed."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.arrays import FloatArray, IntArray, distinct
 from .patch import Patch
 from .sides import Side
 
@@ -96,5 +96,5 @@ def thinnest(tree: cKDTree, ends: FloatArray, radius: float, thick: FloatArray) 
     """Smallest thickness of the patches with a corner, of four in the tree each, near one of the points."""
     nearest = min(NEAREST_CORNERS, tree.n)
     _, corners = tree.query(ends, nearest, p=np.inf, distance_upper_bound=radius)
-    found: IntArray = np.unique(np.asarray(corners, dtype=np.int64))
+    found: IntArray = distinct(np.asarray(corners, dtype=np.int64))
     return float(thick[found[found < tree.n] // 4].min())

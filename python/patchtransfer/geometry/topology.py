@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ..errors import InputError
-from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.arrays import FloatArray, IntArray, distinct
 from ..numeric.components import components
 from .areas import SideGroup, enclosed_areas, group_sides, numbered, sides_around
 from .combinatorics import Combinatorics, Quantity, oriented
@@ -166,12 +166,12 @@ class Topology:
     def boundary_points(self) -> IntArray:
         """Sorted indices of the shared control points on the boundary."""
         sides = [side.of(self.points[k]) for k, side in self.boundaries]
-        return np.unique(np.concatenate([np.empty(0, int), *sides]))
+        return distinct(np.concatenate([np.empty(0, int), *sides]))
 
     @Quantity
     def interior_points(self) -> IntArray:
         """Sorted indices of the shared control points off the boundary: the unknowns of a transfer."""
-        return np.setdiff1d(np.arange(self.n_points), self.boundary_points)
+        return np.setdiff1d(np.arange(self.n_points), self.boundary_points, assume_unique=True)
 
     @Quantity
     def n_components(self) -> int:

@@ -22,7 +22,7 @@ from ..errors import InputError
 from ..geometry.patch import Patch
 from ..geometry.sides import around_corner
 from ..geometry.topology import Topology
-from ..numeric.arrays import FloatArray
+from ..numeric.arrays import FloatArray, distinct
 from ..numeric.compressed import Compressed
 from ..progress import Budget, Progress, reporter
 from ..proof.certificate import Cell, Certificate
@@ -349,7 +349,7 @@ def step_cost(
     """Work of a Newton step in nodes of the grid, extra ones counted for what they cost."""
     cost = 0.0
     for patch in patches:
-        spans = [len(np.unique(knots)) - 1 for knots in patch.knots]
+        spans = [len(distinct(knots)) - 1 for knots in patch.knots]
         cost += math.prod(n * (nodes_per_degree * p + 1) for n, p in zip(spans, patch.degrees, strict=True))
     local = [EXTRA_NODE * (patch.degrees[0] + 1) * (patch.degrees[1] + 1) for patch in patches]
     return cost + sum(local[node[0]] for node in extra_nodes)

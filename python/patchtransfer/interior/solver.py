@@ -21,7 +21,15 @@ from ..numeric.arrays import FloatArray
 from ..numeric.compressed import Compressed
 from ..progress import Budget, Clock, Progress, StopReason, reporter
 from ..proof.certificate import BoundaryReport, Certificate, certify
-from .optimizer import ROUGH, Certify, SplineOptimizer, degenerate_corners, optimize_with_ladder, step_cost
+from .optimizer import (
+    ROUGH,
+    Certify,
+    OptimizedMap,
+    SplineOptimizer,
+    degenerate_corners,
+    optimize_with_ladder,
+    step_cost,
+)
 from .under_rows import ROW_ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
 
 if TYPE_CHECKING:
@@ -156,7 +164,7 @@ class InteriorSolver:
         log: list[str] = []
         spare: InteriorMap | None = None
         if self._levels:
-            with clock("optimisation"):
+            with clock("optimisation") as stage:
                 optimizer = make()
                 rough = optimizer.minimise(
                     optimizer.harmonic(start),
@@ -164,6 +172,7 @@ class InteriorSolver:
                     tolerance=ROUGH,
                     seconds=budget.seconds_left(),
                 )
+                stage.found = _figures(rough)
             log.append(f"rough map for the rows to follow: smallest determinant {rough.min_determinant:.3g}")
             if budget.expired():
                 return InteriorMap(rough.points, check(rough.points), log, [])
@@ -175,7 +184,7 @@ class InteriorSolver:
                 if complete or budget.expired():
                     return replace(under, log=log)
                 spare = under if under.rows is not None and under.rows.collapsed else None
-        with clock("optimisation"):
+        with clock("optimisation") as stage:
             found, certificate, entries = optimize_with_ladder(
                 make,
                 start,
@@ -185,6 +194,7 @@ class InteriorSolver:
                 progress=progress,
                 budget=budget.part(1 - ROWS_SHARE if self._levels else 1),
             )
+            stage.found = _figures(found)
         log += entries
         if spare is not None and not certificate.injective:
             return replace(spare, log=[*log, "the certified map under rows is kept, though its corners collapse"])
@@ -211,7 +221,7 @@ class InteriorSolver:
         log: list[str] = []
         complete = True
         for level in self._levels:
-            with clock("continuity rows"):
+            with clock("continuity rows") as stage:
                 choices = [
                     partial(self._rows, choice, points) for choice in (level, "g1 linear")[: 1 + (level == "g1")]
                 ]
@@ -226,6 +236,7 @@ class InteriorSolver:
                     rounds=rounds,
                     budget=budget,
                 )
+                stage.found = f"{rows.active} rows kept; {entries[-1] if entries else 'no step'}"
             log += entries
             kept = self._linear.issuperset(rows.without) and not rows.collapsed
             complete = complete and certificate.injective and kept
@@ -292,7 +303,7 @@ class InteriorSolver:
         boundary: BoundaryReport | None = None,
     ) -> InteriorMap:
         """One map of low distortion on a boundary that no certificate will accept: an illustration of the reason."""
-        with clock("optimisation"):
+        with clock("optimisation") as stage:
             optimizer = self.optimizer(degenerate)
             found = optimizer.minimise(
                 optimizer.harmonic(start),
@@ -300,14 +311,17 @@ class InteriorSolver:
                 tolerance=ROUGH,
                 seconds=budget.seconds_left(),
             )
+            stage.found = _figures(found)
         entry = f"optimise: {len(found.history)} Newton steps, {found.stop}, smallest determinant "
         certificate = self.certify(found.points, clock, boundary)
         return InteriorMap(found.points, certificate, [f"{entry}{found.min_determinant:.3g}", reason], [])
 
     def certify(self, points: FloatArray, clock: Clock, boundary: BoundaryReport | None = None) -> Certificate:
         """Proof of injectivity for shared control points; `boundary` is what is known of its loops."""
-        with clock("certificate"):
-            return certify(self.model(points), boundary=boundary)
+        with clock("certificate") as stage:
+            certificate = certify(self.model(points), boundary=boundary)
+            stage.found = certificate.status
+        return certificate
 
     def model(self, points: FloatArray) -> MultiPatch:
         """The source with other control points; the last one is kept."""
@@ -367,3 +381,8 @@ class InteriorSolver:
         if level.startswith("g1"):
             return g1_rows(self.source.topology, self._control, reference, without, linear=level == "g1 linear")
         return self._c1(reference, released, without)
+
+
+def _figures(found: OptimizedMap) -> str:
+    """Steps and energy of the optimiser, for those who watch."""
+    return f"{len(found.history)} Newton steps, energy {found.energy:.4f}, {found.stop}"

@@ -19,7 +19,7 @@ from ..continuity.rows import ContinuityRows
 from ..geometry.multipatch import MultiPatch
 from ..geometry.straight_corners import corner_triangles
 from ..geometry.topology import Spoke, Topology
-from ..numeric.arrays import FloatArray
+from ..numeric.arrays import FloatArray, distinct
 from ..progress import Budget, Progress
 from ..proof.certificate import Certificate
 from .optimizer import Certify, SplineOptimizer, optimize_with_ladder
@@ -315,7 +315,8 @@ class _Corners:
         rows, self._turn = corner_triangles(topology, corners)
         self._apex, self._u, self._v = rows.T
         # The first points of the interfaces that end at these vertices.
-        self._first = np.intersect1d(np.concatenate([self._u, self._v]), topology.interior_points)
+        first = distinct(np.concatenate([self._u, self._v]))
+        self._first = np.intersect1d(first, topology.interior_points, assume_unique=True)
         self._interior = topology.interior_points
 
     def collapsed(self, before: FloatArray, after: FloatArray) -> frozenset[Spoke]:

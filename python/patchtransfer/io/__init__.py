@@ -13,17 +13,18 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import InputError, InputWarning
 from ..files import read_bytes, write_atomic
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..numeric.arrays import FloatArray
-from . import points
 from .formats import FORMATS, BoundaryOptions, Format
-from .layout_json import LayoutFile, parse_layout
-from .losses import losses
 from .outline_only import OutlineOnlyError
+
+if TYPE_CHECKING:
+    from .layout_json import LayoutFile
 
 __all__ = ["FORMATS", "Format", "convert", "read", "read_boundary", "read_landmarks", "read_layout", "write"]
 
@@ -43,13 +44,13 @@ def _extensions(formats: list[Format]) -> str:
 
 def _format_of(path: Path, data: bytes) -> Format:
     """Format by content; the extension decides only where the content does not tell."""
-    by_content = [f for f in FORMATS if f.matches(data)]
     by_name = [f for f in FORMATS if path.suffix.lower() in f.extensions]
-    both = [f for f in by_content if f in by_name]
-    chosen = both or by_content or by_name
-    if not chosen:
+    # Those of the name first: others need not be loaded where one of them fits.
+    likely = [*by_name, *(f for f in FORMATS if f not in by_name)]
+    chosen = next((f for f in likely if f.matches(data)), by_name[0] if by_name else None)
+    if chosen is None:
         raise InputError(f"unknown format; supported are {_extensions(list(FORMATS))}")
-    return chosen[0]
+    return chosen
 
 
 def read(path: str | os.PathLike[str]) -> MultiPatch:
@@ -156,7 +157,9 @@ def read_landmarks(path: str | os.PathLike[str]) -> FloatArray:
     """
     path = Path(path)
     with _naming(path):
-        return points.read_landmarks(read_bytes(path))
+        from .points import read_landmarks as parsed
+
+        return parsed(read_bytes(path))
 
 
 def read_layout(
@@ -179,6 +182,8 @@ def read_layout(
     """
     path = Path(path)
     with _naming(path):
+        from .layout_json import parse_layout
+
         return parse_layout(
             read_bytes(path), path.parent, partial(read_boundary, clean=clean, smooth=smooth, layers=layers)
         )
@@ -222,6 +227,8 @@ def _written(geometry: MultiPatch | Boundary, path: Path) -> tuple[str | bytes, 
         raise InputError(f"cannot write {path.suffix or 'a file without extension'}; use {_extensions(formats)}")
     if isinstance(geometry, MultiPatch):
         if chosen.write:
+            from .losses import losses
+
             return chosen.write(geometry), losses(geometry, chosen)
     elif not isinstance(geometry, Boundary):
         raise InputError(f"cannot write a {type(geometry).__name__}; pass a MultiPatch or a Boundary")

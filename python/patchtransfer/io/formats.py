@@ -1,29 +1,18 @@
-"""The file formats: how each is recognised and what it can hold. A new one is a module and an entry here."""
+"""The file formats: how each is recognised and what it can hold. A new one is a module and an entry here.
+
+A format's module is loaded when a file asks for it: all of them take longer than to read a model.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
 
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
-from . import (
-    airfoil,
-    dxf,
-    geojson,
-    geopdes,
-    gismo,
-    layout_json,
-    mask,
-    mfem,
-    npz,
-    points,
-    rhino,
-    splinepy_json,
-    svg,
-    vtu,
-)
 from .options import BoundaryOptions
 
 __all__ = ["FORMATS", "BoundaryOptions", "Format"]
@@ -62,81 +51,120 @@ def _first_tag(data: bytes) -> bytes:
     return found[1] if found else b"?"
 
 
+def _late(module: str, name: str) -> Callable[..., Any]:
+    """The function `name` of a format's module, which is loaded by the first call."""
+
+    def called(*given: object) -> Any:
+        return getattr(import_module(f".{module}", __package__), name)(*given)
+
+    return called
+
+
+def _points_of_no_model(data: bytes) -> bool:
+    from . import geopdes, points
+
+    return points.looks_like_points(data) and not geopdes.looks_like_geopdes(data)
+
+
 FORMATS = (
     Format(
         "G+Smo XML",
         (".xml",),
         lambda data: _first_tag(data) not in (b"", b"svg", b"VTKFile"),
-        gismo.read_multipatch,
-        gismo.read_boundary,
-        gismo.format_multipatch,
-        gismo.format_boundary,
+        _late("gismo", "read_multipatch"),
+        _late("gismo", "read_boundary"),
+        _late("gismo", "format_multipatch"),
+        _late("gismo", "format_boundary"),
         MODEL | {"blocks"},
     ),
     Format(
         "NumPy npz",
         (".npz",),
-        npz.looks_like_npz,
-        npz.read_multipatch,
-        npz.read_boundary,
-        npz.format_multipatch,
-        npz.format_boundary,
+        _late("npz", "looks_like_npz"),
+        _late("npz", "read_multipatch"),
+        _late("npz", "read_boundary"),
+        _late("npz", "format_multipatch"),
+        _late("npz", "format_boundary"),
         MODEL | {"all blocks"},
     ),
     Format(
-        splinepy_json.FORMAT,
+        "splinepy JSON",
         (".json",),
-        splinepy_json.looks_like_splines,
-        splinepy_json.read_multipatch,
-        splinepy_json.read_boundary,
-        splinepy_json.format_multipatch,
+        _late("splinepy_json", "looks_like_splines"),
+        _late("splinepy_json", "read_multipatch"),
+        _late("splinepy_json", "read_boundary"),
+        _late("splinepy_json", "format_multipatch"),
         holds=frozenset({"weights", "blocks"}),
     ),
     Format(
         "layout JSON",
         (".json",),
-        layout_json.looks_like_a_layout,
+        _late("layout_json", "looks_like_a_layout"),
         hint="the command build makes patches of it",
     ),
-    Format("SVG", (".svg",), lambda data: _first_tag(data) == b"svg", read_boundary=svg.read_boundary, layers=True),
-    Format("DXF", (".dxf",), dxf.looks_like_dxf, read_boundary=dxf.read_boundary, layers=True),
-    Format("Rhino 3dm", (".3dm",), rhino.looks_like_rhino, read_boundary=rhino.read_boundary, layers=True),
     Format(
-        "GeoJSON", (".geojson", ".json"), geojson.looks_like_geojson, read_boundary=geojson.read_boundary, layers=True
+        "SVG",
+        (".svg",),
+        lambda data: _first_tag(data) == b"svg",
+        read_boundary=_late("svg", "read_boundary"),
+        layers=True,
+    ),
+    Format("DXF", (".dxf",), _late("dxf", "looks_like_dxf"), read_boundary=_late("dxf", "read_boundary"), layers=True),
+    Format(
+        "Rhino 3dm",
+        (".3dm",),
+        _late("rhino", "looks_like_rhino"),
+        read_boundary=_late("rhino", "read_boundary"),
+        layers=True,
     ),
     Format(
-        "PNG, TIFF or BMP", (".png", ".tif", ".tiff", ".bmp"), mask.looks_like_image, read_boundary=mask.read_boundary
+        "GeoJSON",
+        (".geojson", ".json"),
+        _late("geojson", "looks_like_geojson"),
+        read_boundary=_late("geojson", "read_boundary"),
+        layers=True,
     ),
-    Format("airfoil (.dat)", (".dat",), airfoil.looks_like_airfoil, read_boundary=airfoil.read_boundary),
+    Format(
+        "PNG, TIFF or BMP",
+        (".png", ".tif", ".tiff", ".bmp"),
+        _late("mask", "looks_like_image"),
+        read_boundary=_late("mask", "read_boundary"),
+    ),
+    Format(
+        "airfoil (.dat)",
+        (".dat",),
+        _late("airfoil", "looks_like_airfoil"),
+        read_boundary=_late("airfoil", "read_boundary"),
+    ),
     Format(
         "CSV",
         (".csv", ".txt"),
-        lambda data: points.looks_like_points(data) and not geopdes.looks_like_geopdes(data),
-        read_boundary=points.read_boundary,
+        _points_of_no_model,
+        read_boundary=_late("points", "read_boundary"),
     ),
     Format(
         "GeoPDEs",
         (".txt",),
-        geopdes.looks_like_geopdes,
-        geopdes.read_multipatch,
-        geopdes.read_boundary,
-        geopdes.format_multipatch,
+        _late("geopdes", "looks_like_geopdes"),
+        _late("geopdes", "read_multipatch"),
+        _late("geopdes", "read_boundary"),
+        _late("geopdes", "format_multipatch"),
         holds=MODEL - {"ids"} | {"blocks"},
     ),
     Format(
         "MFEM NURBS mesh",
         (".mesh",),
-        mfem.looks_like_mfem,
-        mfem.read_multipatch,
-        mfem.read_boundary,
-        mfem.format_multipatch,
+        _late("mfem", "looks_like_mfem"),
+        _late("mfem", "read_multipatch"),
+        _late("mfem", "read_boundary"),
+        _late("mfem", "format_multipatch"),
         holds=MODEL - {"ids"} | {"blocks"},
     ),
     Format(
         "VTU",
         (".vtu",),
         lambda data: _first_tag(data) == b"VTKFile",
-        write=vtu.format_multipatch,
+        write=_late("vtu", "format_multipatch"),
         holds=MODEL,
         hint="it is written for ParaView, and not read",
     ),

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 
-__all__ = ["FloatArray", "IntArray", "finite_or_none", "frozen_array", "same_bits"]
+__all__ = ["FloatArray", "IntArray", "distinct", "finite_or_none", "frozen_array", "same_bits"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -26,6 +26,14 @@ def frozen_array(values: ArrayLike, what: str) -> FloatArray:
         raise InputError(f"{what}: contains NaN or infinity")
     array.flags.writeable = False
     return array
+
+
+def distinct(values: NDArray[Any]) -> NDArray[Any]:
+    """The values (n,) in increasing order, each once: as `numpy.unique`, which loads NumPy's masked arrays for that."""
+    found = np.sort(values, axis=None)
+    first = np.ones(len(found), bool)
+    first[1:] = found[1:] != found[:-1]
+    return found[first]
 
 
 def same_bits(a: Any, b: Any, names: tuple[str, ...]) -> bool:

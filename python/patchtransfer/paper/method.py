@@ -8,8 +8,6 @@ the caller certifies the result.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,7 +20,7 @@ from ..mesh.background_mesh import TriangleMesh, source_mesh, target_mesh
 from ..mesh.harmonic import mesh_harmonic_map
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.dense import svd
-from ..progress import Budget
+from ..progress import Budget, Clock
 from .bounded_distortion import remove_foldovers
 from .distortion_descent import minimise_distortion
 from .options import PaperOptions
@@ -31,8 +29,6 @@ from .reversible_harmonic import reverse_boundary, reversible_harmonic_map
 __all__ = ["PaperHistory", "PaperMap", "frozen_points", "paper_map"]
 
 DEFAULTS = PaperOptions()
-#: Clock around a stage, by its name.
-Stage = Callable[[str], AbstractContextManager[object]]
 
 
 @dataclass(frozen=True)
@@ -119,7 +115,7 @@ def paper_map(
     null_space: Any = None,
     *,
     options: PaperOptions = DEFAULTS,
-    stage: Stage = lambda name: nullcontext(),
+    stage: Clock | None = None,
     budget: Budget | None = None,
 ) -> PaperMap:
     """Map the source's control points to the target by the published method.
@@ -135,8 +131,8 @@ def paper_map(
         rows B u = 0; default all. The rows tie interior to boundary points, so the boundary is hard from the first
         stage on then.
     options : PaperOptions
-    stage : callable
-        Context manager put around every stage.
+    stage : Clock, optional
+        Put around every stage.
     budget : Budget, optional
         Its time limit ends every stage with what it has; work is limited by the options.
 
@@ -144,7 +140,7 @@ def paper_map(
     -------
     PaperMap
     """
-    budget = budget or Budget()
+    budget, stage = budget or Budget(), stage or Clock()
     boundary = topology.boundary_points
     with stage("background mesh"):
         mesh, notes = source_mesh(topology)
@@ -169,7 +165,7 @@ def paper_map(
         if other is not None:
             points, history, line = _reversible(mesh, other, boundary, start, points, interior, null_space, budget)
             log.append(line)
-    with stage("bounded distortion"):
+    with stage("bounded distortion") as told:
         unfolded = remove_foldovers(
             mesh, points, boundary, null_space, max_iterations=options.max_iterations, budget=budget
         )
@@ -185,7 +181,8 @@ def paper_map(
             f"bounded distortion: {unfolded.flips[0]} flipped faces, {left} after {unfolded.iterations} iterations, "
             f"bounds k up to {unfolded.k_max[-1]:.3g}"
         )
-    with stage("distortion descent"):
+        told.found = log[-1]
+    with stage("distortion descent") as told:
         if not unfolded.converged:
             log.append("distortion descent: skipped, faces are still flipped")
         else:
@@ -199,6 +196,7 @@ def paper_map(
                 f"distortion descent: mean conformal distortion {descent.energy[0]:.4g}, {descent.energy[-1]:.4g} "
                 f"after {len(descent.energy) - 1} steps"
             )
+        told.found = log[-1]
     return PaperMap(points, PaperHistory(**history), log, list(notes))
 
 

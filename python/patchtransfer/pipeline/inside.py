@@ -42,7 +42,7 @@ def slide(
         check = boundary.check(trial)
         return trial if check.failure is None and check.degenerate == posed.degenerate else None
 
-    with run.clock("sliding"):
+    with run.clock("sliding") as stage:
         slid = slide_joints(
             posed.registration,
             posed.fitted,
@@ -55,10 +55,12 @@ def slide(
             run.options.fit_tolerance,
             run.budget,
         )
+        report = SlideReport(() if slid is None else slid.energies)
+        stage.found = str(report)
     if slid is None:
-        return posed, SlideReport(())
+        return posed, report
     moved = replace(posed, registration=slid.registration, fitted=slid.fitted, start=slid.map.points)
-    return moved, SlideReport(slid.energies)
+    return moved, report
 
 
 def solve(posed: Posed, boundary: SourceBoundary, interior: InteriorSolver, run: Run) -> tuple[Posed, InteriorMap]:
@@ -92,9 +94,10 @@ def measure(
         *([] if stopped is None else [stopped]),
         *_lost_continuity(found, interior, run),
     ]
-    with run.clock("quality"):
+    with run.clock("quality") as stage:
         multipatch = interior.model(found.points)
         metrics = quality(multipatch, exclude=posed.degenerate)
+        stage.found = f"scaled Jacobian min {metrics.scaled_jacobian.min:.3f}, mean {metrics.scaled_jacobian.mean:.3f}"
     warnings += _functions_of_the_source(interior.source, multipatch)
     return TransferResult(
         multipatch=multipatch,

@@ -17,6 +17,7 @@ MISSED = 5.0
 CHOICES = {
     "method": ("certified", "paper"),
     "refine": ("auto", "never", "tolerance"),
+    "split": ("never", "auto"),
     "correspondence": ("best", "runner-up"),
     "on_failure": ("raise", "return"),
 }
@@ -26,6 +27,7 @@ class SearchOptions(TypedDict, total=False):
     """`Options` but the method, as keyword arguments."""
 
     refine: str
+    split: str
     fit_tolerance: float
     fixed_correspondence: bool | None
     correspondence: str
@@ -53,6 +55,7 @@ class Options:
     refine: str = "auto"
     fit_tolerance: float = 1e-3
     _: KW_ONLY
+    split: str = "never"
     fixed_correspondence: bool | None = None
     correspondence: str = "best"
     on_failure: str = "raise"
@@ -91,7 +94,9 @@ class Options:
         """Boundary error above which knots are inserted into the source."""
         if not self.refines:
             return math.inf
-        return self.fit_tolerance * (MISSED if self.refine == "auto" else 1.0)
+        # A source that is split for its target has no space in common with other results any more.
+        rarely = self.refine == "auto" and self.split == "never"
+        return self.fit_tolerance * (MISSED if rarely else 1.0)
 
     def keywords(self) -> TransferOptions:
         """As keyword arguments of a transfer."""

@@ -7,32 +7,38 @@ takes and returns plain values.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
-from typing import NamedTuple, Unpack
+from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
+from ..errors import InputError, TransferError
 from ..fitting.fit import FittedBoundary
-from ..fitting.refinement import Knot, insert_in_strips, missed_spans, span_middles
+from ..fitting.refinement import Knot, insert_in_strips, lone_spans, missed_spans, span_middles
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
+from ..geometry.splitting import split_model, split_patches
 from ..geometry.straight_corners import corner_triangles, straighten
 from ..interior.solver import InteriorSolver
 from ..progress import Budget, Clock, Progress
 from ..proof.certificate import Certificate, check_boundary
 from ..proof.feasibility import check_corners, check_report
+from ..registration.lacking_joints import LackingJoint, lacking_joints
 from .accepted import accepted
 from .inside import measure, slide, solve
 from .options import Run, SearchOptions, TransferOptions, options_of
 from .posed import Registered, no_proof
-from .result import TransferResult, failure_of
+from .result import TransferResult, failure_of, split_advice
 from .sliding import movable_joints
 from .source_boundary import SourceBoundary
+from .split_or_whole import better, split_note, vain_note
+from .splitting import Division, SourceSplit, onto_split, strip_cuts, with_near_joints_moved
 from .tasks import TransferTask, in_order
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 __all__ = ["Refilled", "TransferPlan", "transfer"]
 
@@ -72,12 +78,23 @@ def transfer(
         137(2), 2023: uniform fit, harmonic map on a triangulated control net, fold-over removal by bounded
         distortion, distortion descent; its result is certified as well, but nothing forces it to be injective.
     progress : callable, optional
-        Called as ``progress(stage, step, energy, smallest_determinant)``.
+        Called as ``progress(stage, step, energy, smallest_determinant)``: before every Newton step, and with step 0 and
+        NaN for the numbers when a stage begins. Stages are "feasibility", "registration", "fitting", "refinement",
+        "sliding", "optimisation", "continuity rows", "certificate" and "quality", as in the result's ``timings``, and
+        those of the paper's method; Newton steps go by what is tried, as in the result's ``log``: "optimise", "under
+        continuity rows: optimise" and so on. Where the callable has a method ``ended(stage, seconds, found)``, that is
+        called when a stage ends, with its seconds, without those of stages inside, and the figures that matter.
     refine : {"auto", "never", "tolerance"}, default "auto"
         "auto" inserts knots into the source, in whole strips of patches, where its boundary misses the target by
         more than five times `fit_tolerance`, until it is met, and refines the source uniformly once if no certified
         map is found; the result's ``refined`` and a warning tell. "tolerance" does so wherever the boundary misses by
-        more than `fit_tolerance`, and with method "paper", which "auto" leaves alone, as well. Patches are never split.
+        more than `fit_tolerance`, and with method "paper", which "auto" leaves alone, as well. Neither splits
+        patches: that is `split`.
+    split : {"never", "auto"}, default "never"
+        "auto" splits the source's patches, in whole strips, where the target has corners that no joint of the source
+        takes: the same geometry, more patches, and every corner gets a joint. The result's ``split`` and a warning
+        tell; refine="auto" acts above `fit_tolerance` then. Where no certified map of the target is found so, the
+        source is taken as it is, if that does better.
     fit_tolerance : float, default 1e-3
         Boundary error, relative to the target's diameter, that the fit should reach.
     fixed_correspondence : bool, optional
@@ -122,6 +139,12 @@ class TransferPlan:
     reference : sequence of Patch, optional
         Maps that distortion is measured against, one a patch on the same knots; default the source's own patches.
 
+    Attributes
+    ----------
+    source : MultiPatch
+    split : SourceSplit or None
+        How the source was split, if this plan comes from `split_for`.
+
     Raises
     ------
     InputError
@@ -138,6 +161,8 @@ class TransferPlan:
         topology = source.topology
         self._boundary = SourceBoundary(self._welded.boundary().loops, topology)
         self._interior = InteriorSolver(source, continuity, reference)
+        self.split: SourceSplit | None = None
+        self._unsplit: Unsplit | None = None
 
     def __repr__(self) -> str:
         return f"<TransferPlan: {len(self.source.patches)} patches, continuity {self.continuity}>"
@@ -151,11 +176,34 @@ class TransferPlan:
         **options: Unpack[TransferOptions],
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
+        run = self._run(options, progress)
+        registered = self._registered(target, landmarks, run)
+        search = self._searched_split if run.options.split == "auto" else self._searched
+        result = search(registered, landmarks, run)
+        advice = split_advice(result) if result.succeeded else None
+        if advice is not None:
+            result = result.with_warnings([advice])
+        error = failure_of(result) if run.options.on_failure == "raise" else None
+        if error is not None:
+            raise error
+        return result
+
+    def _run(self, options: TransferOptions, progress: Progress | None = None) -> Run:
+        chosen = options_of(options).decided()
+        return Run(chosen, Clock(progress), Budget.of_source(self._interior.step_cost, chosen.time_limit), progress)
+
+    def _registered(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> Registered:
+        """The correspondence; of a split source what it was before, with the new joints at corners that lacked one."""
         if not isinstance(target, Boundary):
             raise InputError(f"target must be a Boundary (see read_boundary), got {type(target).__name__}")
-        chosen = options_of(options).decided()
-        run = Run(chosen, Clock(), Budget.of_source(self._interior.step_cost, chosen.time_limit), progress)
-        registered = self._boundary.register(target, landmarks, run)
+        if self._unsplit is None:
+            return self._boundary.register(target, landmarks, run)
+        registered = self._unsplit.plan._with_near_joints_moved(self._unsplit.plan._registered(target, landmarks, run))
+        return self._onto_split(registered, run)
+
+    def _searched(self, registered: Registered, landmarks: ArrayLike | None, run: Run) -> TransferResult:
+        """The result with the plan's own patches, the source refined where that is asked for and helps."""
+        chosen = run.options
         movable = [] if chosen.fixed_correspondence else movable_joints(registered.registration, landmarks)
         fitted = self._boundary.fit(registered.registration, run)
         plan, notes = self, list(self._notes)
@@ -166,7 +214,9 @@ class TransferPlan:
             notes += refined
         result = plan._attempt(registered, fitted, movable, run)
         if chosen.refines and not result.certificate.injective and not run.budget.expired():
-            plan, registered = plan._refined(span_middles(plan.source.patches), registered)
+            with run.clock("refinement") as stage:
+                plan, registered = plan._refined(span_middles(plan.source.patches), registered)
+                stage.found = f"all spans halved, {plan.source.topology.n_points} control points"
             fitted = plan._boundary.fit(registered.registration, run)
             finer = plan._attempt(registered, fitted, movable, run)
             if finer.certificate.injective:
@@ -175,11 +225,75 @@ class TransferPlan:
                 note = "a uniform refinement of the source was tried: no certified map was found"
             notes.append(note)
         points = (result.multipatch.topology.n_points, self.source.topology.n_points)
-        result = replace(result.with_warnings(notes), refined=points[0] != points[1])
-        error = failure_of(result) if chosen.on_failure == "raise" else None
-        if error is not None:
-            raise error
-        return result
+        return replace(
+            result.with_warnings(notes),
+            refined=points[0] != points[1],
+            split=None if self.split is None else replace(self.split, corners=registered.handed),
+        )
+
+    def _searched_split(self, registered: Registered, landmarks: ArrayLike | None, run: Run) -> TransferResult:
+        """The result with joints at all corners of the target; without, where that does better."""
+        near = self._with_near_joints_moved(registered)
+        tries: list[tuple[TransferResult, list[tuple[float, float]]]] = []
+        # Joints that may not be moved to corners near by leave these to cuts.
+        for start in (near,) if near is registered else (near, registered):
+            lacking = lacking_joints(start.registration, run.options.fit_tolerance)
+            if start is registered and not lacking:
+                return self._searched(registered, landmarks, run)
+            plan = self._split([lacking])
+            split = plan._searched(plan._onto_split(start, run) if lacking else start, landmarks, run.part(HALF))
+            corners = [corner.point for corner in lacking]
+            if corners:
+                split = split.with_warnings([split_note(corners, len(self.source), len(plan.source))])
+            if split.succeeded:
+                return split
+            tries.append((split, corners))
+        as_it_is = replace(run, options=replace(run.options, split="never"))
+        whole = self._searched(registered, landmarks, as_it_is)
+        best = tries[0][0]
+        for split, _ in tries[1:]:
+            best = split if better(split, best) else best
+        if better(best, whole):
+            return best
+        split, corners = tries[-1]
+        return replace(whole.with_warnings([vain_note(corners, split)]), split_in_vain=True)
+
+    def _with_near_joints_moved(self, registered: Registered) -> Registered:
+        """The same with free joints at corners near by; itself if there are none."""
+        before = registered.registration
+        moved = with_near_joints_moved(before, self._boundary.single)
+        return registered if moved is before else registered._replace(registration=moved)
+
+    def _onto_split(self, registered: Registered, run: Run) -> Registered:
+        """A correspondence with the source as it was, with this plan's: its joints at corners that lacked one."""
+        assert self._unsplit is not None
+        tolerance = run.options.fit_tolerance
+        with run.clock("registration"):
+            before = registered.registration
+            registration = onto_split(before, tolerance, self._unsplit.division, self._boundary.outlines)
+        left = {corner.point for corner in lacking_joints(registration, tolerance)}
+        corners = [corner.point for corner in lacking_joints(before, tolerance)]
+        handed = tuple(point for point in corners if point not in left)
+        return registered._replace(registration=registration, handed=(*registered.handed, *handed))
+
+    def _split(self, lacking: Sequence[Sequence[LackingJoint]]) -> TransferPlan:
+        """A plan for the source split so that corners of targets that lack joints, target by target, get them."""
+        topology = self._welded.topology
+        cuts = strip_cuts(lacking, topology)
+        if not cuts:
+            return self
+        division = Division(topology, cuts, split_model(self._welded, cuts))
+        source = division.model.multipatch
+        reference = self.reference and split_patches(self.reference, topology.interfaces, cuts)
+        if self.continuity == "g1":
+            # Pieces may have a single span, which locks exact G1.
+            source, reference = _refined(source, reference, lone_spans(source.patches), 2)
+        plan = TransferPlan(source, self.continuity, reference=reference)
+        plan._unsplit = Unsplit(self, division)
+        corners = dict.fromkeys(corner.point for corners in lacking for corner in corners)
+        plan.split = division.report(tuple(corners), self.split)
+        plan._notes += division.model.lost
+        return plan
 
     def _attempt(
         self,
@@ -193,6 +307,65 @@ class TransferPlan:
         posed, sliding = slide(posed, movable, self._boundary, self._interior, run)
         posed, found = solve(posed, self._boundary, self._interior, run)
         return measure(posed, sliding, found, self._interior, run)
+
+    def split_for(
+        self,
+        targets: Iterable[Boundary],
+        landmarks: Iterable[ArrayLike | None] | None = None,
+        *,
+        skip_failures: bool = False,
+        **options: Unpack[TransferOptions],
+    ) -> TransferPlan:
+        """A plan for the source split wherever one of the targets needs it: all results have the same patches.
+
+        Parameters
+        ----------
+        targets : iterable of Boundary
+        landmarks : iterable of (r, 4) arrays or None, optional
+            One a target, as for `transfer`.
+        skip_failures : bool, default False
+            Leave out targets that cannot be registered; to transfer to them says why.
+        **options
+            As for `transfer`; those on the correspondence, and `fit_tolerance`, matter.
+
+        Returns
+        -------
+        TransferPlan
+            Its ``split`` tells how, and from which patch of the source each of its own comes; this plan itself, if
+            its patches suffice. `transfer` with the default ``split="never"`` keeps the patches; corners of the target
+            are matched to the new joints.
+
+        Raises
+        ------
+        TransferError
+            As `transfer` does, for a target that cannot be registered; the message begins with "targets[3]: ".
+
+        Examples
+        --------
+        >>> from patchtransfer import Boundary, MultiPatch, Patch
+        >>> knots = ([0, 0, 1, 1], [0, 0, 1, 1])
+        >>> plan = TransferPlan(MultiPatch([Patch(knots, (1, 1), [[[0, 0], [0, 1]], [[3, 0], [3, 1]]])]), "c0")
+        >>> roof = Boundary.from_points([(0, 0), (3, 0), (3, 1), (1.5, 1.6), (0, 1)])
+        >>> plan.split_for([roof])
+        <TransferPlan: 2 patches, continuity c0>
+        """
+        run = self._run(options)
+        targets = list(targets)
+        given = [None] * len(targets) if landmarks is None else list(landmarks)
+        if len(given) != len(targets):
+            raise InputError(f"split_for: landmarks are one set a target or none, got {len(given)} for {len(targets)}")
+        lacking = []
+        for number, pair in enumerate(zip(targets, given, strict=True)):
+            try:
+                near = self._with_near_joints_moved(self._registered(*pair, run))
+            except Exception as error:
+                if skip_failures:
+                    continue
+                if isinstance(error, TransferError):
+                    error.args = (f"targets[{number}]: {error}", *error.args[1:])
+                raise
+            lacking.append(lacking_joints(near.registration, run.options.fit_tolerance))
+        return self._split(lacking)
 
     def map(
         self,
@@ -210,7 +383,9 @@ class TransferPlan:
             process pool works on every target with one thread; small models gain from processes, for much of their
             time is Python's. Of a small source several targets go to a worker at once.
         **options
-            As in `transfer`; a ``time_limit`` is for every target by itself.
+            As in `transfer`; a ``time_limit`` is for every target by itself. ``split="auto"`` splits for each target by
+            itself, so that results differ in their patches: ``plan.split_for(targets).map(targets)`` has the same
+            ones for all.
 
         Raises
         ------
@@ -256,10 +431,10 @@ class TransferPlan:
         budget = Budget.of_source(self._interior.step_cost)
         report = check_boundary(self._boundary.curves(start), known)
         if report.simple:
-            found = self._interior.certified(start, degenerate, progress, Clock(), budget, report)
+            found = self._interior.certified(start, degenerate, progress, Clock(progress), budget, report)
         else:
             reason = no_proof(report).reason
-            found = self._interior.unproved(start, degenerate, progress, Clock(), budget, reason, report)
+            found = self._interior.unproved(start, degenerate, progress, Clock(progress), budget, reason, report)
         return Refilled(self.source.with_shared_points(found.points), found.certificate, tuple(found.log))
 
     def _refined_to_tolerance(
@@ -270,9 +445,10 @@ class TransferPlan:
         for _ in range(REFINEMENTS):
             if fitted.error <= tolerance or run.budget.expired():
                 break
-            with run.clock("refinement"):
+            with run.clock("refinement") as stage:
                 knots = missed_spans(registered.registration, fitted, plan.source.topology.loops, tolerance)
                 plan, registered = plan._refined(knots, registered)
+                stage.found = f"{len(knots)} boundary spans halved, {plan.source.topology.n_points} control points"
             count += len(knots)
             fitted = plan._boundary.fit(registered.registration, run)
         if plan is self:
@@ -286,14 +462,28 @@ class TransferPlan:
 
     def _refined(self, knots: Sequence[Knot], registered: Registered) -> tuple[TransferPlan, Registered]:
         """A plan for the source with more knots, and the same correspondence with its boundary curves."""
-        topology = self._welded.topology
         # Exact G1 needs inner knots of C^(p - 2): simple ones would lock its rows.
         multiplicity = 2 if self.continuity == "g1" else 1
-        patches = insert_in_strips(topology, topology.patches, knots, multiplicity)
-        reference = self.reference and insert_in_strips(topology, self.reference, knots, multiplicity)
-        source = MultiPatch(patches, self.source.interfaces, self.source.ids, self.source.sides, self.source.blocks)
+        source, reference = _refined(self._welded, self.reference, knots, multiplicity)
         plan = TransferPlan(source, self.continuity, reference=reference)
         return plan, registered._replace(registration=plan._boundary.registered(registered.registration))
+
+
+def _refined(
+    source: MultiPatch, reference: Sequence[Patch] | None, knots: Sequence[Knot], multiplicity: int
+) -> tuple[MultiPatch, list[Patch] | None]:
+    """A source with shared points, and its reference, with more knots."""
+    topology = source.topology
+    patches = insert_in_strips(topology, topology.patches, knots, multiplicity)
+    finer = None if reference is None else insert_in_strips(topology, reference, knots, multiplicity)
+    return MultiPatch(patches, source.interfaces, source.ids, source.sides, source.blocks), finer
+
+
+class Unsplit(NamedTuple):
+    """The plan of a source before it was split, and how it was."""
+
+    plan: TransferPlan
+    division: Division
 
 
 class Refilled(NamedTuple):

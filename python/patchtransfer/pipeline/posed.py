@@ -20,10 +20,14 @@ IN_VAIN = "no proof is possible, whatever the inside"
 
 
 class Registered(NamedTuple):
-    """A registration, and where the target touches itself, or nearly, so that its own check proves nothing."""
+    """A registration, and where the target touches itself, or nearly, so that its own check proves nothing.
+
+    `handed` are corners of the target that were handed to joints which splitting the source has made.
+    """
 
     registration: Registration
     doubt: str | None
+    handed: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ class Posed:
 
 def no_fit(registered: Registered, error: float, reason: str) -> NoFit:
     """Of a fit that rules out an injective map on a target that was not found to."""
-    registration, doubt = registered
+    registration, doubt, _ = registered
     feasible = doubt or "the target is feasible"
     sure = registration.confidence
     wrong = "" if sure >= SURE else f", or its correspondence (confidence {sure:.2f}) needs landmarks"

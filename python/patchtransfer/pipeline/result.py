@@ -19,11 +19,22 @@ from ..proof.certificate import Certificate
 from ..registration.register import Registration
 from .posed import Failure
 from .sliding import SlideReport
+from .splitting import SourceSplit
 
 if TYPE_CHECKING:
     from ..paper.method import PaperHistory
 
-__all__ = ["BoundaryMissedError", "NotCertifiedError", "TransferResult", "failure_of"]
+__all__ = [
+    "BoundaryMissedError",
+    "NotCertifiedError",
+    "TransferResult",
+    "corners_in_words",
+    "failure_of",
+    "split_advice",
+]
+
+#: Corners that a message names.
+NAMED = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +44,7 @@ class TransferResult:
     Attributes
     ----------
     multipatch : MultiPatch
-        The source's patches, degrees, knots and interfaces on the target.
+        The source's patches, degrees, knots and interfaces on the target; where `split` is not None, the pieces'.
     certificate : Certificate
         Proof of injectivity, or where it fails.
     quality : Quality
@@ -70,6 +81,11 @@ class TransferResult:
         Why the search ended early, where its time or its budget of steps did not suffice.
     refined : bool
         Whether the source got more knots, so that the result's spline space is not the source's.
+    split : SourceSplit or None
+        How the source was split so that corners of the target have joints, and which patch comes from which of the
+        source's; None where the patches are the source's own.
+    split_in_vain : bool
+        Whether splitting the source was tried, and the source as it is did better.
     """
 
     multipatch: MultiPatch
@@ -90,6 +106,8 @@ class TransferResult:
     sliding: SlideReport | None = None
     stopped: str | None = None
     refined: bool = False
+    split: SourceSplit | None = None
+    split_in_vain: bool = False
 
     @cached_property
     def continuity(self) -> ContinuityReport:
@@ -120,6 +138,7 @@ class TransferResult:
             "boundary_error": self.boundary_error,
             "boundary_missed": self.missed,
             "refined": self.refined,
+            "split": None if self.split is None else self.split.to_dict(),
             "registration": {
                 "joints": [{"source": a.tolist(), "target": b.tolist()} for a, b in self.registration.joints],
                 "confidence": self.registration.confidence,
@@ -177,6 +196,8 @@ def failure_of(result: TransferResult) -> NotCertifiedError | None:
         side = max((side for sides in result.fitted.loops for side in sides), key=lambda side: side.error)
         x, y = side.curve(sum(side.curve.domain) / 2).tolist()
         tried = "even with more knots" if result.refined else "try --refine auto (refine='auto') or more landmarks"
+        advice = split_advice(result)
+        tried += f"; {advice}" if advice else ""
         return BoundaryMissedError(
             f"the boundary misses the target by {result.boundary_error:.2g} of its diameter, most along the side "
             f"about ({x:.4g}, {y:.4g}): {tried}; --keep-uncertified (on_failure='return') gives the map",
@@ -188,8 +209,28 @@ def failure_of(result: TransferResult) -> NotCertifiedError | None:
     # More knots or landmarks do not help where the target itself is in doubt.
     in_vain = failure is not None and failure.of_target
     more = "" if in_vain else "try --refine auto (refine='auto') or more landmarks; "
+    advice = split_advice(result)
+    more += f"{advice}; " if advice else ""
     return NotCertifiedError(
         f"no certified map was found ({result.certificate.status}): {reasons}{cut}; {more}--keep-uncertified "
         "(on_failure='return') gives the best map",
         result,
     )
+
+
+def split_advice(result: TransferResult) -> str | None:
+    """To split the source, where the target has corners without joints and it was not tried."""
+    corners = [(corner.x, corner.y) for corner in result.registration.missed_corners]
+    if not corners or result.split_in_vain:
+        return None
+    return (
+        f"--split auto (split='auto') splits the source's patches, so that {corners_in_words(corners)} of the target "
+        "get joints"
+    )
+
+
+def corners_in_words(corners: Sequence[tuple[float, float]]) -> str:
+    """Corners by their coordinates, the first few of them."""
+    places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in corners[:NAMED])
+    more = f" and {len(corners) - NAMED} more" if len(corners) > NAMED else ""
+    return f"{len(corners)} corner{'' if len(corners) == 1 else 's'} {places}{more}"

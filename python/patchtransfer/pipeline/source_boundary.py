@@ -54,7 +54,7 @@ class SourceBoundary:
     def __init__(self, loops: Sequence[Sequence[BSplineCurve]], topology: Topology) -> None:
         self.loops = loops
         self._topology = topology
-        self._outlines = [Outline(loop) for loop in loops]
+        self.outlines = [Outline(loop) for loop in loops]
         valence = {vertex.point: vertex.valence for vertex in topology.vertices}
         of_sides = [[side.points(topology.points[side.patch]) for side in loop] for loop in topology.loops]
         #: Loop by loop, how many patches meet at each joint, and whether one alone fills it.
@@ -66,7 +66,7 @@ class SourceBoundary:
     @cached_property
     def _sampled(self) -> BoundaryShape:
         """What matching by shape needs of the source, whatever the target."""
-        return BoundaryShape.sample(self._outlines)
+        return BoundaryShape.sample(self.outlines)
 
     def register(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> Registered:
         """Correspondence of the boundaries, on a target that allows an injective map."""
@@ -75,10 +75,10 @@ class SourceBoundary:
             # own loops, curves and parameters. Registration itself refuses another number of loops.
             same = len(target.loops) == len(self.loops)
             notes = check_loops(target.loops, "target boundary") if same else []
-        with run.clock("registration"):
+        with run.clock("registration") as stage:
             paper = run.options.method == "paper"
             registration = register(
-                self._outlines,
+                self.outlines,
                 target,
                 landmarks,
                 marked_curves=paper,
@@ -91,7 +91,9 @@ class SourceBoundary:
                     raise InputError(
                         'correspondence="runner-up": there is none, landmarks decide or no other one fits; leave it out'
                     )
-                registration = register(self._outlines, target, second.landmarks, single_patch=self.single)
+                registration = register(self.outlines, target, second.landmarks, single_patch=self.single)
+            joints = sum(len(loop.joints) - 1 for loop in registration.loops)
+            stage.found = f"{joints} joints, confidence {registration.confidence:.2f}"
         with run.clock("feasibility"):
             images = [loop.joints[:-1] for loop in registration.loops]
             check_target_corners(
@@ -105,16 +107,19 @@ class SourceBoundary:
 
     def registered(self, registration: Registration) -> Registration:
         """The same correspondence with this boundary's curves, where the source got more knots."""
-        pairs = zip(registration.loops, self._outlines, strict=True)
+        pairs = zip(registration.loops, self.outlines, strict=True)
         return replace(registration, loops=tuple(replace(loop, source=outline) for loop, outline in pairs))
 
     def fit(self, registration: Registration, run: Run) -> FittedBoundary:
         """The fit, made more freely where it misses the target by far."""
         tolerance = run.options.fit_tolerance
-        with run.clock("fitting"):
+        with run.clock("fitting") as stage:
             if run.options.method == "paper":
-                return fit_boundary(registration, parameters="uniform", tolerance=tolerance)
-            return self.free_fit(registration, tolerance)
+                fitted = fit_boundary(registration, parameters="uniform", tolerance=tolerance)
+            else:
+                fitted = self.free_fit(registration, tolerance)
+            stage.found = f"boundary error {fitted.error:.1e} of the diameter"
+        return fitted
 
     def free_fit(self, registration: Registration, tolerance: float) -> FittedBoundary:
         """The first of the fits that meets the target, else the best that allows an injective map.
@@ -157,10 +162,13 @@ class SourceBoundary:
 
     def pose(self, registered: Registered, fitted: FittedBoundary, run: Run) -> Posed:
         """The problem for the inside that a fit poses."""
-        with run.clock("feasibility"):
+        with run.clock("feasibility") as stage:
             bound, degenerate, report, reason = self.check(fitted)
+            stage.found = reason or f"corners allow a scaled Jacobian of at most {bound:.3f}"
             failure = None if reason is None else no_fit(registered, fitted.error, reason)
-            return Posed(*registered, fitted, self.points(fitted), degenerate, bound, report, failure)
+            registration, doubt, _ = registered
+            points = self.points(fitted)
+            return Posed(registration, doubt, fitted, points, degenerate, bound, report, failure)
 
     def degenerate(self, corners: Sequence[Corner]) -> tuple[tuple[int, int], ...]:
         """(patch, corner) of all corners where one patch fills a straight angle."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import Executor
 from contextlib import closing
 from functools import cached_property
-from typing import cast
+from typing import TYPE_CHECKING, cast
 from uuid import uuid4
 
 from numpy.typing import ArrayLike
@@ -16,6 +15,9 @@ from .._core import set_threads
 from ..errors import TransferError
 from ..geometry.boundary import Boundary
 from .result import TransferResult
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 __all__ = ["TransferTask", "in_order"]
 

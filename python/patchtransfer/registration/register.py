@@ -20,7 +20,7 @@ from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..geometry.outline import Outline
 from ..limits import MAX_CORNERS, at_most
-from ..numeric.arrays import FloatArray
+from ..numeric.arrays import FloatArray, distinct
 from ..numeric.dense import svd
 from .corners import close_turn, corners_between, snap_corners
 from .free_joints import joints_to_corners
@@ -323,7 +323,7 @@ def _landmark_rows(source: Outline, target: Outline, anchors: FloatArray, featur
     pairs = features
     if len(pairs) < FEW_LANDMARKS:
         joints = source.joints[:-1]
-        joints = joints[np.unique(np.linspace(0, len(joints), JOINT_LANDMARKS, endpoint=False).astype(int))]
+        joints = joints[distinct(np.linspace(0, len(joints), JOINT_LANDMARKS, endpoint=False).astype(int))]
         joints = joints[cyclic_gap(joints, pairs[:, 0], source.length) > NEAR_CORNER * source.length]
         pairs = np.concatenate([pairs, np.column_stack([joints, image_of(anchors, joints)])])
     return np.concatenate([source.point(pairs[:, 0]), target.point(pairs[:, 1])], axis=1)
@@ -409,10 +409,10 @@ def _place_marked(loop: LoopRegistration) -> FloatArray:
         return loop.anchors
     keep = ~inside.any(axis=1)
     # Every unmarked curve keeps the images of its ends; landmarks inside marked curves are dropped.
-    ends = np.unique(np.concatenate([joints[:-1][~marked], np.mod(joints[1:][~marked], source.length)]))
+    ends = distinct(np.concatenate([joints[:-1][~marked], np.mod(joints[1:][~marked], source.length)]))
     rows = np.concatenate([loop.anchors[:-1][keep], np.column_stack([ends, loop.to_target(ends)])])
     rows[:, 1] -= np.floor(rows[:, 0] / source.length) * loop.target.length
     rows[:, 0] = np.mod(rows[:, 0], source.length)
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
-    distinct = np.append(np.diff(rows[:, 0]) > tolerance, True)
-    return close_turn(rows[distinct], loop.source, loop.target, loop.anchors)
+    apart = np.append(np.diff(rows[:, 0]) > tolerance, True)
+    return close_turn(rows[apart], loop.source, loop.target, loop.anchors)

@@ -121,7 +121,13 @@ class BoundaryShape:
     @cached_property
     def quantiles(self) -> FloatArray:
         """Quantiles (n_0, 5) of the distances of every node of the outer loop to the others on it."""
-        return np.asarray(np.quantile(self.distances[self.rows(0), self.rows(0)], QUANTILES, axis=1).T)
+        # As `numpy.quantile`, which loads NumPy's masked arrays.
+        ordered = np.sort(self.distances[self.rows(0), self.rows(0)], axis=1)
+        last = ordered.shape[1] - 1
+        whole, part = np.divmod(np.multiply(QUANTILES, last), 1.0)
+        below = whole.astype(int)
+        a, b = ordered[:, below], ordered[:, np.minimum(below + 1, last)]
+        return np.asarray(np.where(part < 0.5, a + (b - a) * part, b - (b - a) * (1 - part)))
 
     @cached_property
     def near(self) -> NearDistances:

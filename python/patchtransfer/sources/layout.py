@@ -23,6 +23,7 @@ from ..geometry.patch import Patch
 from ..numeric.arrays import FloatArray
 from ..pipeline.plan import TransferPlan
 from ..pipeline.result import TransferResult
+from ..progress import Progress
 from ..registration.landmarks import SNAP_DISTANCE
 from ..registration.register import register
 from .drawing import circle_drawing, harmonic_drawing
@@ -49,6 +50,7 @@ def from_layout(
     fit_tolerance: float = 1e-3,
     refine: str = "auto",
     on_failure: str = "raise",
+    progress: Progress | None = None,
 ) -> TransferResult:
     """Parameterize a domain from a coarse quad layout and its boundary curves.
 
@@ -67,7 +69,7 @@ def from_layout(
     assignment : mapping, optional
         Boundary points (x, y) of boundary vertices that are not to go to the nearest one. With all boundary vertices
         named, any quads that form a disk with holes will do, as those of `QuadLayout.abstract`.
-    fit_tolerance, refine, on_failure
+    fit_tolerance, refine, on_failure, progress
         As in `transfer`.
 
     Returns
@@ -126,6 +128,7 @@ def from_layout(
             fit_tolerance=fit_tolerance,
             refine=refine if last else "never",
             on_failure=on_failure if last else "return",
+            progress=progress,
         )
         shape = rectangles(result.multipatch)
     assert result is not None

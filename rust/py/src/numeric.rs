@@ -1,4 +1,5 @@
-//! Bindings of `patchtransfer_core::numeric`: dense matrices and stacks of them, sparse Cholesky, bounded distortion.
+//! Bindings of `patchtransfer_core::numeric`: dense matrices and stacks of them, sparse Cholesky, Gauss
+//! rules, bounded distortion.
 
 use crate::convert::rows;
 use crate::threads;
@@ -8,6 +9,7 @@ use numpy::{
     PyUntypedArrayMethods,
 };
 use patchtransfer_core::numeric::dense::{self, Definite, NoConvergence, Svd};
+use patchtransfer_core::numeric::quadrature;
 use patchtransfer_core::numeric::sparse::Cholesky;
 use patchtransfer_core::numeric::ssvd;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -210,6 +212,19 @@ impl SparseCholesky {
     }
 }
 
+/// Nodes and weights of a rule.
+type Rule<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// Nodes in (-1, 1) and weights of the Gauss–Legendre rule with `n` nodes.
+#[pyfunction]
+fn gauss<'py>(py: Python<'py>, n: usize) -> PyResult<Rule<'py>> {
+    if n == 0 {
+        return Err(PyValueError::new_err("a rule has at least one node"));
+    }
+    let (nodes, weights) = quadrature::gauss(n);
+    Ok((nodes.into_pyarray(py), weights.into_pyarray(py)))
+}
+
 /// Bounds on the conformal distortion, `n` of them.
 pub fn distortion_bounds(k: &PyReadonlyArray1<'_, f64>, n: usize) -> PyResult<Vec<f64>> {
     let k = k.as_array().to_vec();
@@ -243,6 +258,7 @@ fn project_bounded_distortion<'py>(
 /// Add this file's names to the module.
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<SparseCholesky>()?;
+    m.add_function(wrap_pyfunction!(gauss, m)?)?;
     m.add_function(wrap_pyfunction!(project_bounded_distortion, m)?)?;
     m.add_function(wrap_pyfunction!(product, m)?)?;
     m.add_function(wrap_pyfunction!(svd, m)?)?;

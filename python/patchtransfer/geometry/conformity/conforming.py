@@ -11,19 +11,17 @@ from ...errors import InputError
 from ...limits import MAX_PATCHES, at_most
 from ..patch import Patch
 from ..sides import Interface, Side
-from ..strips import strips_of
 from ..tolerances import COINCIDENCE, diameter
 from .coincidences import OF_THICKNESS
 from .common_splines import with_common_splines
 from .cutting import Pieces
 from .overlaps import Overlap, SideOf, overlaps, whole_pairs
+from .strip_cuts import SAME_CUT, along_strips
 from .weighting import with_common_weights
 from .welds import welded
 
 __all__ = ["Conforming", "conforming"]
 
-#: Cuts nearer to a knot, or to each other, in units of the side's length, are made there: thinner spans are rounding.
-SAME_CUT = 1e-8
 #: A gap moves the foot of a point along the side by about as much, from either side of the junction.
 CUT_BY_GAP = 4.0
 #: Every round cuts through strips, whose far ends may make new T-junctions. Cuts that go on run in a spiral.
@@ -142,25 +140,7 @@ def _cuts(
             uncertain = max(SAME_CUT, CUT_BY_GAP * pair.gap / extent)
             inner = [(uncertain, t) for t in ends if uncertain < t < 1 - uncertain]
             wanted.setdefault((k, side.axis), []).extend(inner)
-    cuts = {}
-    for strip in strips_of(len(patches), interfaces) if wanted else ():
-        own = [(u, 1 - t if flipped else t) for m, flipped in strip.members.items() for u, t in wanted.get(m, ())]
-        if strip.twisted:
-            own += [(u, 1 - t) for u, t in own]
-        knots = [_fractions(patches[k], axis, flipped) for (k, axis), flipped in strip.members.items()]
-        places = _distinct(own, [t for ts in knots for t in ts])
-        for (k, axis), flipped in strip.members.items() if places else ():
-            cuts[k, axis] = [_parameter(patches[k], axis, 1 - t if flipped else t) for t in places]
-            cuts[k, axis].sort()
-    return cuts
-
-
-def _fractions(patch: Patch, axis: int, flipped: bool) -> list[float]:
-    """Inner knots from 0 to 1, in the strip's sense."""
-    knots = patch.knots[axis]
-    t = (knots - knots[0]) / (knots[-1] - knots[0])
-    inner = t[(t > SAME_CUT) & (t < 1 - SAME_CUT)]
-    return list(1 - inner if flipped else inner)
+    return along_strips(patches, interfaces, wanted, _distinct) if wanted else {}
 
 
 def _distinct(wanted: list[tuple[float, float]], knots: Sequence[float]) -> list[float]:
@@ -171,14 +151,6 @@ def _distinct(wanted: list[tuple[float, float]], knots: Sequence[float]) -> list
             near = [s for s in knots if abs(s - t) <= uncertain]
             places.append(min(near, key=lambda s: abs(s - t)) if near else t)
     return places
-
-
-def _parameter(patch: Patch, axis: int, fraction: float) -> float:
-    """The parameter at a part of a direction; a knot's own value where one is."""
-    knots = patch.knots[axis]
-    t = float(knots[0] + fraction * (knots[-1] - knots[0]))
-    nearest = float(knots[np.abs(knots - t).argmin()])
-    return nearest if abs(nearest - t) <= SAME_CUT * (knots[-1] - knots[0]) else t
 
 
 def _cut_sentences(pieces: Pieces, cuts: dict[tuple[int, int], list[float]]) -> list[str]:

@@ -46,8 +46,11 @@ class Pieces:
     def on(self, side: tuple[int, Side]) -> list[tuple[int, Side]]:
         """The pieces of a side, in the order of its parameter."""
         k, name = side
-        grid = np.array(self._grids.get(k, [[k]]))
-        return [(int(piece), name) for piece in name.of(grid)]
+        return [(int(piece), name) for piece in name.of(np.array(self.grid(k)))]
+
+    def grid(self, k: int) -> list[list[int]]:
+        """The pieces of a patch by column and row: along u, then along v."""
+        return self._grids.get(k, [[k]])
 
     def glued(self, interfaces: Sequence[Interface]) -> list[Interface]:
         """The interfaces between the pieces: of the given ones, and along the cuts."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...numeric.arrays import FloatArray, IntArray
+from ...numeric.arrays import FloatArray, IntArray, distinct
 from ..areas import enclosed_areas, sides_around
 from ..basis import knot_spans
 from ..curve import BSplineCurve
@@ -319,7 +319,7 @@ def missing_knots(knots: FloatArray, wanted: FloatArray, degree: int) -> FloatAr
     None becomes more than `degree` fold.
     """
     tolerance = SAME_KNOT * (knots[-1] - knots[0])
-    own = np.unique(knots)
+    own = distinct(knots)
     inner = wanted[(wanted > knots[0] + tolerance) & (wanted < knots[-1] - tolerance)]
     # Groups of knots that are one, each with the value that it has already, or that of its first.
     groups = np.split(inner, np.flatnonzero(np.diff(inner) > tolerance) + 1) if len(inner) else []

@@ -119,7 +119,8 @@ def parameterize(
     on_failure : {"raise", "return"}, default "raise"
         Without a certified map: raise `NotCertifiedError`, or return the best one.
     progress : callable, optional
-        Called as ``progress(stage, number)``.
+        Called as ``progress(stage, number)``; where it has a method ``ended(stage, seconds, found)``, that is called
+        when a stage ends, with the figures that matter.
 
     Returns
     -------
@@ -158,26 +159,31 @@ def parameterize(
     _check(boundary, wishes, time_limit, on_failure)
     log: list[str] = []
     tell = progress or (lambda stage, number: None)
-    clock = Clock()
-    with clock("symmetries"):
+    clock = Clock(ended=getattr(progress, "ended", None))
+    with clock("symmetries") as stage:
         outlines = [Outline(loop) for loop in boundary.loops]
         task = _Task(boundary, outlines, outline_symmetries(outlines) if symmetric == "auto" else [], wishes)
-    with clock("layouts"):
+        stage.found = f"{len(task.isometries)} symmetries"
+    with clock("layouts") as stage:
         candidates = _filled(task, log, tell)
-    with clock("sliding layouts"):
+        stage.found = _figures(candidates)
+    with clock("sliding layouts") as stage:
         candidates = _slid(candidates, task, tell)
+        stage.found = _figures(candidates)
     if not any(_certified(candidate) for candidate in candidates):
         tell("convex pieces", 0)
-        with clock("convex pieces"):
+        with clock("convex pieces") as stage:
             convex = _slid(_last_resort(task, log), task, tell)
+            stage.found = _figures(convex)
         candidates = _sorted([*candidates, *convex])
     if not candidates or candidates[0].result is None:
         reasons = [candidate.reason or "" for candidate in candidates[:3]] or log[-3:]
         raise NotCertifiedError(f"no parameterization was found: {'; '.join(reasons)}")
     best = candidates[0]
     tell("finish", 0)
-    with clock("symmetry and continuity"):
+    with clock("symmetry and continuity") as stage:
         result = _finished(best, task, log)
+        stage.found = f"{result.certificate.status}, boundary error {result.boundary_error:.1e}"
     vertices = _vertices(best.layout, result.multipatch)
     places = {int(v): tuple(vertices[v].tolist()) for v in best.layout.boundary_vertices}
     layout = QuadLayout.abstract(best.layout.quads, vertices, places)
@@ -309,6 +315,13 @@ def _slid(candidates: Sequence[Candidate], task: _Task, tell: Tell) -> list[Cand
 
 def _sorted(candidates: Sequence[Candidate]) -> list[Candidate]:
     return sorted(candidates, key=lambda candidate: -candidate.score)
+
+
+def _figures(candidates: Sequence[Candidate]) -> str:
+    """What the layouts found so far are worth, for those who watch."""
+    certified = [candidate for candidate in candidates if _certified(candidate)]
+    best = f", the best of {len(certified[0].layout.quads)} patches" if certified else ""
+    return f"{len(candidates)} layouts, {len(certified)} certified{best}"
 
 
 def _certified(candidate: Candidate) -> bool:

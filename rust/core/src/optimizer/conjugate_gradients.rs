@@ -73,7 +73,8 @@ pub(crate) fn solve(
         }
         multiply(direction, product);
         let curvature = dot(direction, product);
-        if curvature <= 0.0 || curvature.is_nan() {
+        // Not a number, either, is no positive curvature.
+        if curvature.is_nan() || curvature <= 0.0 {
             return Ended::Indefinite;
         }
         let length = size / curvature;
