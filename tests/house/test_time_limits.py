@@ -39,7 +39,9 @@ class Counted:
         self.stages: list[str] = []
 
     def __call__(self, stage: str, step: int, energy: float, least: float) -> None:
-        self.stages.append(stage)
+        # Stages that begin are told of with step 0.
+        if step:
+            self.stages.append(stage)
 
 
 # --- boundaries that rule a proof out -------------------------------------------------------------
