@@ -4,9 +4,10 @@ The model (yeti of `PATCHTRANSFER_MODELS`, else the bundled wrench, or a file) i
 again, and transferred in a plan with landmarks at all joints, `continuity="c0"`, on one thread. With ``-o FILE`` the
 tables become a page of the documentation.
 
-Limits: a Newton step factorizes one matrix. Its multiplications and additions are counted on SuperLU's factor of the
-same matrix (the sum of squared column lengths, as for Cholesky), and compared with the rate of a dense matrix product.
-The Hessian's entries cross the memory once a step, and are compared with the rate of a copy.
+Physical limit: a Newton step factorizes one matrix, that of both components or, of large models, that of one in single
+precision. Its multiplications and additions are counted on SuperLU's factor of the same matrix (the sum of squared
+column lengths, as for Cholesky), and done at the rate of a dense matrix product. What is stored of the nodes crosses
+the memory twice, for the gradient and for the Hessian, and the Hessian's entries once each way, at the rate of a copy.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from optimizer_scaling import model_of
 from scipy.sparse import csc_array
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 from threadpoolctl import threadpool_limits
 from transfer_yeti import SciPyOptimizer, bent_boundary, median_time
 
@@ -29,8 +30,13 @@ from patchtransfer import _core
 from patchtransfer.interior.optimizer import SplineOptimizer
 
 STAGES = ("registration", "feasibility", "fitting", "optimisation", "certificate", "quality")
-#: Largest number of unknown points at which SuperLU is still run.
+#: Largest number of unknown points at which SuperLU is still run; beyond, operations grow as for nested dissection.
 LARGEST = 30_000
+GROWTH = 1.5
+#: Unknown points from which the core factorizes one component's matrix, in single precision: twice the rate.
+ITERATE_FROM = 5_000
+#: Bytes that are stored of a node: the inverse of the reference Jacobian, and a weight.
+NODE = 40
 
 
 class Size(NamedTuple):
@@ -41,6 +47,7 @@ class Size(NamedTuple):
     whole: float
     solve: float
     steps: int
+    nodes: float
     superlu: float | None
     operations: float | None
     entries: int | None
@@ -67,8 +74,28 @@ def measure(model: pt.MultiPatch, angle: float) -> Size:
         begin = time.perf_counter()
         factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", options=options)
         superlu = time.perf_counter() - begin
-        operations, entries = float((np.diff(factor.L.indptr).astype(float) ** 2).sum()), matrix.nnz
-    return Size(n, stages, whole, solve, len(found.history), superlu, operations, entries)
+        operations, entries = multiplications(factor), matrix.nnz
+        if n >= ITERATE_FROM:
+            one = csc_array(matrix[:n, :n])
+            operations = multiplications(splu(one, permc_spec="MMD_AT_PLUS_A", options=options)) / 2
+    nodes = optimizer.step_cost
+    return Size(n, stages, whole, solve, len(found.history), nodes, superlu, operations, entries)
+
+
+def multiplications(factor: SuperLU) -> float:
+    """Of a Cholesky factorization with the same pattern, additions included."""
+    return float((np.diff(factor.L.indptr).astype(float) ** 2).sum())
+
+
+def step_limits(size: Size, largest: Size, product: float, copy: float) -> tuple[float, float]:
+    """Seconds of a Newton step that arithmetic and memory ask for at least."""
+    known = size if size.operations is not None else largest
+    assert known.operations is not None
+    assert known.entries is not None
+    ratio = size.unknown / known.unknown
+    # The upper half is stored: written by assembly, read by the factorization; a value and half an index.
+    memory = known.entries * ratio / 2 * 2 * 12 + 2 * NODE * size.nodes
+    return known.operations * ratio**GROWTH / product, memory / copy
 
 
 def product_rate(n: int = 1500) -> float:
@@ -99,38 +126,30 @@ def processor() -> str:
 def tables(sizes: list[Size], product: float, copy: float) -> str:
     """Both tables, in Markdown."""
     ms = lambda s: f"{1e3 * s:.1f}" if s < 0.1 else f"{1e3 * s:.0f}"  # noqa: E731
+    largest = max((size for size in sizes if size.operations is not None), key=lambda size: size.unknown)
+    limits = [step_limits(size, largest, product, copy) for size in sizes]
     lines = [
-        "| unknown points | transfer | " + " | ".join(STAGES) + " | exponent |",
-        "|" + "---:|" * (len(STAGES) + 3),
+        "| unknown points | transfer | " + " | ".join(STAGES) + " | exponent | physical limit | transfer / limit |",
+        "|" + "---:|" * (len(STAGES) + 5),
     ]
-    for before, size in zip([None, *sizes], sizes, strict=False):
+    for before, size, limit in zip([None, *sizes], sizes, limits, strict=False):
         growth = (
             "–"
             if before is None
             else f"{np.log(size.whole / before.whole) / np.log(size.unknown / before.unknown):.2f}"
         )
+        least = size.steps * sum(limit)
         cells = [f"{size.unknown:,}", f"**{ms(size.whole)}**", *(ms(size.stages[s]) for s in STAGES), growth]
+        cells += [f"{1e3 * least:.2f}", f"{size.whole / least:.0f}"]
         lines.append("| " + " | ".join(cells) + " |")
     heads = ("unknown points", "Newton steps", "solve", "SuperLU once", "solve / SuperLU", "step")
     heads += ("arithmetic bound", "memory bound", "step / bounds")
     lines += ["", "| " + " | ".join(heads) + " |", "|" + "---:|" * len(heads)]
-    for size in sizes:
+    for size, (arithmetic, memory) in zip(sizes, limits, strict=True):
         step = size.solve / size.steps
         cells = [f"{size.unknown:,}", str(size.steps), ms(size.solve)]
-        if size.superlu is None or size.operations is None or size.entries is None:
-            cells += ["–", "–", ms(step), "–", "–", "–"]
-        else:
-            # The upper half is stored: written by assembly, read by the factorization; a value and half an index.
-            arithmetic, memory = size.operations / product, size.entries / 2 * 2 * 12 / copy
-            bounds = f"{step / (arithmetic + memory):.0f}"
-            cells += [
-                ms(size.superlu),
-                f"{size.solve / size.superlu:.2f}",
-                ms(step),
-                f"{1e3 * arithmetic:.2f}",
-                f"{1e3 * memory:.2f}",
-                bounds,
-            ]
+        cells += ["–", "–"] if size.superlu is None else [ms(size.superlu), f"{size.solve / size.superlu:.2f}"]
+        cells += [ms(step), f"{1e3 * arithmetic:.2f}", f"{1e3 * memory:.2f}", f"{step / (arithmetic + memory):.0f}"]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -144,19 +163,24 @@ all targets.
 
 {tables}
 
-The first table is the whole transfer with all its evidence. *Exponent*: of the growth from the row above.
+The first table is the whole transfer with its evidence (the continuity report is made when asked for). *Exponent*: of
+the growth from the row above. *Physical limit*: both bounds of the second table for all steps; the other stages count
+as nothing.
 
 The second table is the solver alone, from the harmonic map to the optimum. *SuperLU once*: one factorization of the
 Newton matrix by SciPy, in the same run. *Arithmetic bound*: what a factorization computes, at the rate of the dense
-product (sparse codes reach a third of it at best on such matrices). *Memory bound*: the Hessian's entries written and
-read once. *Newton steps* are those on the finest space; a large solve makes more on coarser ones, whose time is in
-*step* as well. What a step does beyond the bounds is mostly the Hessian itself: {nodes} nodes a knot span, each with a
-closed-form positive part, and the energies of the line search.
+product (sparse codes reach a third of it at best on such matrices); from {iterate:,} unknown points on of one
+component's matrix, in single precision, as [conjugate gradients](stages/optimisation.md) need it (above {largest:,} by
+the growth of nested dissection, n^1.5). *Memory bound*: what is stored of the nodes read twice, the Hessian's entries
+written and read once. *Newton steps* are those on the finest space; a large solve makes more on coarser ones, whose
+time is in *step* as well. What a step does beyond the bounds is mostly the Hessian itself: {nodes} nodes a knot span,
+each with a closed-form positive part, and the energies of the line search. Small models are far from any limit: there
+Python and its calls are most.
 
 `peers.py` beside it compares with [other software](peers.md), each comparison being a script of its own; others are
-`plan_map.py` (threads, processes), `continuity_cost.py` (C1 against C0), `registration.py` (1,000 curves),
-`busy_machine.py` (beside other programs) and `location.py` (points found in models, beside evaluating them).
-`cargo bench -p patchtransfer-core` times the core's kernels.
+`registration_stages.py`, `plan_map.py` (threads, processes), `continuity_cost.py` (C1 against C0), `registration.py`
+(1,000 curves), `busy_machine.py` (beside other programs) and `location.py` (points found in models, beside evaluating
+them). `cargo bench -p patchtransfer-core` times the core's kernels.
 """
 
 
@@ -189,6 +213,8 @@ def main() -> None:
             angle=options.angle,
             tables=text,
             nodes=f"({2 * degree + 1})²",
+            iterate=ITERATE_FROM,
+            largest=LARGEST,
         )
         options.output.write_text(page)
 
