@@ -18,7 +18,7 @@ from ..proof.certificate import check_boundary
 from ..registration.register import Registration
 from .options import MISSED, Run
 from .posed import Posed, Registered, no_proof
-from .result import TransferResult
+from .result import TransferResult, functions_of_place
 from .sliding import SlideReport, slide_joints
 from .source_boundary import SourceBoundary
 
@@ -126,14 +126,12 @@ def measure(
 
 def _functions_of_the_source(source: MultiPatch, moved: MultiPatch) -> list[str]:
     """A note on what the source's file says of places, where these have moved."""
-    named = [block.name for block in source.blocks if block.of_place]
-    if not named:
+    notes = functions_of_place(source)
+    if not notes:
         return []
     pairs = zip(source.patches, moved.patches, strict=True)
     way = max(float(np.abs(a.control_points - b.control_points).max()) for a, b in pairs)
-    if way <= STILL * source.diameter:
-        return []
-    return [f"{', '.join(named)}: kept as written for the source; functions of x and y now mean other places on it"]
+    return notes if way > STILL * source.diameter else []
 
 
 def _lost_continuity(found: InteriorMap, interior: InteriorSolver, run: Run) -> list[str]:
