@@ -11,8 +11,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Unpack
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import InfeasibleTargetError, InputError, TransferError
 from ..fitting.fit import FittedBoundary
@@ -27,7 +26,7 @@ from ..progress import Budget, Clock, Progress
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from ..registration.register import Registration
 from .accepted import accepted
-from .inside import measure, slide, solve
+from .inside import attempt
 from .mirrored import MIRROR_IMAGE, POOR, Reflection, mirrored_rows, of_own_sides, reflected, told
 from .options import Run, TransferOptions, options_of
 from .posed import Registered
@@ -194,13 +193,13 @@ class TransferPlan:
         if fitted.error > chosen.refined_beyond:
             plan, registered, fitted, refined = self._refined_to_tolerance(registered, fitted, run)
             notes += refined
-        result = plan._attempt(registered, fitted, movable, run)
+        result = attempt(registered, fitted, movable, plan._boundary, plan._interior, run)
         if chosen.refines and not result.certificate.injective and not run.budget.expired():
             with run.clock("refinement") as stage:
                 plan, registered = plan._refined(span_middles(plan.source.patches), registered)
                 stage.found = f"all spans halved, {plan.source.topology.n_points} control points"
             fitted = plan._boundary.fit(registered.registration, run)
-            finer = plan._attempt(registered, fitted, movable, run)
+            finer = attempt(registered, fitted, movable, plan._boundary, plan._interior, run)
             if finer.certificate.injective:
                 result, note = finer, "the source was refined uniformly: one knot in every span of every patch"
             else:
@@ -278,19 +277,6 @@ class TransferPlan:
         plan.split = division.report(corners, self.split)
         plan._notes += division.model.lost
         return plan
-
-    def _attempt(
-        self,
-        registered: Registered,
-        fitted: FittedBoundary,
-        movable: Sequence[NDArray[np.bool_]],
-        run: Run,
-    ) -> TransferResult:
-        """From the fitted boundary to the result, with the source's knots: pose, slide, solve, measure."""
-        posed = self._boundary.pose(registered, fitted, run)
-        posed, sliding = slide(posed, movable, self._boundary, self._interior, run)
-        posed, found = solve(posed, self._boundary, self._interior, run)
-        return measure(posed, sliding, found, self._interior, run)
 
     def split_for(
         self,
