@@ -17,6 +17,7 @@ from ..interior.under_rows import ActiveRows
 from ..measure.continuity import ContinuityReport, check_continuity
 from ..measure.quality import Quality
 from ..proof.certificate import Certificate
+from ..registration.missed_tabs import tab_text
 from ..registration.register import Registration
 from .posed import Failure
 from .sliding import SlideReport
@@ -182,6 +183,7 @@ class TransferResult:
                 "confidence": self.registration.confidence,
                 "landmarks": self.registration.landmarks.tolist(),
                 "missed_corners": [corner.to_dict() for corner in self.registration.missed_corners],
+                "missed_tabs": [tab.to_dict() for tab in self.registration.missed_tabs],
                 "runner_up": self.registration.runner_up and self.registration.runner_up.to_dict(),
             },
             "labels": plain(self.multipatch.sides),
@@ -230,12 +232,14 @@ def failure_of(result: TransferResult) -> NotCertifiedError | None:
     """The error of a transfer without a certified map of the target; None for a success."""
     if result.succeeded:
         return None
+    tabs = result.registration.missed_tabs
     if result.certificate.injective:
         side = max((side for sides in result.fitted.loops for side in sides), key=lambda side: side.error)
         x, y = side.curve(sum(side.curve.domain) / 2).tolist()
         tried = "even with more knots" if result.refined else "try --refine auto (refine='auto') or more landmarks"
         advice = split_advice(result)
         tried += f"; {advice}" if advice else ""
+        tried += f"; {tab_text(tabs)}" if tabs else ""
         tried += f"; {MIRROR_IMAGE}" if result.looks_mirrored else ""
         return BoundaryMissedError(
             f"the boundary misses the target by {result.boundary_error:.2g} of its diameter, most along the side "
@@ -250,6 +254,7 @@ def failure_of(result: TransferResult) -> NotCertifiedError | None:
     more = "" if in_vain else "try --refine auto (refine='auto') or more landmarks; "
     advice = split_advice(result)
     more += f"{advice}; " if advice else ""
+    more += f"{tab_text(tabs)}; " if tabs else ""
     more += f"{MIRROR_IMAGE}; " if result.looks_mirrored else ""
     return NotCertifiedError(
         f"no certified map was found ({result.certificate.status}): {reasons}{cut}; {more}--keep-uncertified "

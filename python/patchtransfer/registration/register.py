@@ -27,6 +27,7 @@ from .free_joints import joints_to_corners
 from .landmarks import landmark_anchors, pair_by_landmarks, place_landmarks, read_landmark_rows
 from .matches import HOPE, HOPELESS, Match, WholeMatch, match_outer, rank_with_holes, smooth
 from .missed_corners import MissedCorner, missed_corners, missed_warnings
+from .missed_tabs import MissedTab, missed_tabs, tab_text
 from .sampled_boundary import BoundaryShape, cyclic_gap, image_of
 
 __all__ = ["LoopRegistration", "Registration", "RunnerUp", "register"]
@@ -122,12 +123,15 @@ class Registration:
     mirrored : bool
         Whether the loops are those of the source's mirror image (x -> -x). Points of the source that `joints`,
         `landmarks`, `pairs` and `runner_up` give are the source's own.
+    missed_tabs : tuple of MissedTab
+        Tabs and notches of the target, without corners, where the source's boundary is straight.
     """
 
     loops: tuple[LoopRegistration, ...]
     warnings: tuple[str, ...] = ()
     missed_corners: tuple[MissedCorner, ...] = ()
     mirrored: bool = False
+    missed_tabs: tuple[MissedTab, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Registration: {len(self.loops)} loops, confidence {self.confidence:.2f}>"
@@ -231,6 +235,7 @@ def register(
     single = single_patch or [[False] * len(outline.curves) for outline in source_loops]
     loops, warnings = _correspondences(source_loops, target_loops, partner, given, marked_curves, single, sampled)
     missed: list[MissedCorner] = []
+    tabs: list[MissedTab] = []
     for k, loop in enumerate(loops):
         if loop.confidence < AMBIGUOUS:
             warnings.append(
@@ -240,7 +245,10 @@ def register(
         of_loop = missed_corners(loop.source, loop.target, loop.anchors, k, target_loops[0].diameter)
         warnings += missed_warnings(of_loop)
         missed += of_loop
-    return Registration(tuple(loops), tuple(warnings), tuple(missed))
+        tabs += missed_tabs(loop.source, loop.target, loop.anchors, k, {corner.side for corner in of_loop})
+    if tabs:
+        warnings.append(tab_text(tabs))
+    return Registration(tuple(loops), tuple(warnings), tuple(missed), missed_tabs=tuple(tabs))
 
 
 def _correspondences(
