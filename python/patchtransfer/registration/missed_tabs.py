@@ -21,6 +21,8 @@ DEEP = 1.5
 #: Angle by which the target turns there and turns back. A tab with parallel sides has 360 degrees; a bend, a bulge or a
 #: limb has none, for it only turns; a step or a serif, which goes on beside the side, has 180.
 BACK = np.radians(270.0)
+#: Chords shorter than this part of a loop are none: a loop of one side has its ends in one place.
+NO_CHORD = 1e-9
 #: Samples of an arc that is looked at, one of them in its middle.
 SAMPLES = 201
 
@@ -78,7 +80,7 @@ def missed_tabs(
     for count in (1, 2) if n > 2 else (1,):
         first, last = np.arange(n), np.arange(n) + count
         straight = joints[last] - joints[first] <= STRAIGHT * _distance(places, first, last)
-        chord = np.maximum(_distance(at, first, last), np.finfo(float).tiny)
+        chord = np.maximum(_distance(at, first, last), NO_CHORD * target.length)
         stretch = (images[last] - images[first]) / chord
         for i in np.flatnonzero(straight & (stretch >= DEEP)).tolist():
             sides = tuple((i + j) % n for j in range(count))
