@@ -16,6 +16,7 @@ import domains
 import models
 import patchtransfer as pt
 from patchtransfer import InfeasibleTargetError, InputError, NotCertifiedError, Side, TransferPlan
+from patchtransfer.pipeline import source_boundary
 from patchtransfer.pipeline.mirrored import Reflection
 from patchtransfer.registration.register import _outlines as _turned
 from patchtransfer.registration.register import register
@@ -210,3 +211,32 @@ def test_every_failure_looks_in_the_mirror():
     with pytest.raises(NotCertifiedError) as caught:
         pt.transfer(source, b, continuity="c0", fit_tolerance=1e-9, refine="never")
     assert "mirror" not in str(caught.value)
+
+
+def test_a_target_that_crosses_itself_is_not_looked_at():
+    with pytest.raises(InfeasibleTargetError, match="crosses itself") as caught:
+        pt.transfer(flag(), pt.Boundary.from_points([(0, 0), (3, 0), (0, 4), (3, 4)]))
+    assert "mirror" not in str(caught.value)
+
+
+def test_a_correspondence_that_is_infeasible_may_be_due_to_the_mirror(monkeypatch):
+    source = flag()
+    target = image(source.boundary())
+    check, calls = source_boundary.check_target_corners, []
+
+    def infeasible_at_first(*arguments):
+        calls.append(arguments)
+        if len(calls) == 1:
+            raise InfeasibleTargetError("one patch would have to fill 270 degrees")
+        check(*arguments)
+
+    monkeypatch.setattr(source_boundary, "check_target_corners", infeasible_at_first)
+    with pytest.raises(InfeasibleTargetError, match=r"270 degrees; .*--mirror auto \(mirror='auto'\)"):
+        pt.transfer(source, target, continuity="c0")
+    calls.clear()
+    assert pt.transfer(source, target, continuity="c0", mirror="auto").mirrored
+    assert len(calls) == 2
+    # Where the mirror image is no better, the error stays.
+    calls.clear()
+    with pytest.raises(InfeasibleTargetError, match=r"270 degrees$"):
+        pt.transfer(source, source.boundary(), continuity="c0", mirror="auto")

@@ -101,7 +101,8 @@ class TransferPlan:
         try:
             plan, registered = self._faced(target, landmarks, run)
         except InfeasibleTargetError as error:
-            if self._looks_mirrored(target, landmarks, None, run):
+            # What fails before there is a correspondence, as a target that crosses itself, fails in the mirror as well.
+            if "registration" in run.clock.seconds and self._looks_mirrored(target, landmarks, None, run):
                 error.args = (f"{error}; {MIRROR_IMAGE}", *error.args[1:])
             raise
         given = landmarks if plan is self else mirrored_rows(landmarks)
