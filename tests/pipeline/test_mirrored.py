@@ -16,6 +16,7 @@ import domains
 import models
 import patchtransfer as pt
 from patchtransfer import InfeasibleTargetError, InputError, NotCertifiedError, Side, TransferPlan
+from patchtransfer.geometry.blocks import Block
 from patchtransfer.pipeline import source_boundary
 from patchtransfer.pipeline.mirrored import Reflection
 from patchtransfer.registration.register import _outlines as _turned
@@ -240,3 +241,16 @@ def test_a_correspondence_that_is_infeasible_may_be_due_to_the_mirror(monkeypatc
     calls.clear()
     with pytest.raises(InfeasibleTargetError, match=r"270 degrees$"):
         pt.transfer(source, source.boundary(), continuity="c0", mirror="auto")
+
+
+def test_functions_of_place_are_told_of_once():
+    plain = flag()
+    block = Block("G+Smo XML", "Function", '<Function id="50">x</Function>', of_place=True)
+    source = pt.MultiPatch(plain.patches, plain.interfaces, blocks=[block])
+    # Turned as well, so that the mirror image does not stay where it is.
+    for matrix in (MIRROR, MIRROR @ domains.rotation(40)):
+        result = pt.transfer(source, image(source.boundary(), matrix), continuity="c0", mirror="auto")
+        assert result.mirrored
+        assert [line for line in result.warnings if "mean other places" in line] == [
+            "Function id=50: kept as written for the source; functions of x and y now mean other places on it"
+        ]
