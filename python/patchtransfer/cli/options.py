@@ -122,6 +122,12 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
                 show_default=True,
                 help="Of those found without landmarks: the best, or the second best.",
             ),
+            click.option(
+                "--paper-options",
+                metavar="KEY=VALUE,...",
+                help="Of --method paper: initial=reversible|dirichlet, freeze_interfaces, literal_rows, snap_corners "
+                "(true|false), max_iterations, boundary_weight (numbers).",
+            ),
             keep_uncertified_option,
             click.option(
                 "--time-limit",
@@ -138,4 +144,8 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
 def chosen(options: dict[str, Any]) -> Options:
     """What the user chose of `transfer_options`."""
     given = dict(options)
+    if given["paper_options"] is not None:
+        from ..paper.options import PaperOptions
+
+        given["paper_options"] = PaperOptions.parse(given["paper_options"])
     return Options(on_failure="return" if given.pop("keep_uncertified") else "raise", **given)

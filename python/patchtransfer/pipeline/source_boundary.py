@@ -76,7 +76,8 @@ class SourceBoundary:
             same = len(target.loops) == len(self.loops)
             notes = check_loops(target.loops, "target boundary") if same else []
         with run.clock("registration") as stage:
-            paper = run.options.method == "paper"
+            paper, chosen = run.options.method == "paper", run.options.paper_options
+            snap = chosen is None or chosen.snap_corners
             registration = register(
                 self.outlines,
                 target,
@@ -84,6 +85,7 @@ class SourceBoundary:
                 marked_curves=paper,
                 single_patch=self.single,
                 sampled=lambda: self._sampled,
+                snap=snap,
             )
             if run.options.correspondence == "runner-up":
                 second = registration.runner_up
@@ -91,7 +93,9 @@ class SourceBoundary:
                     raise InputError(
                         'correspondence="runner-up": there is none, landmarks decide or no other one fits; leave it out'
                     )
-                registration = register(self.outlines, target, second.landmarks, single_patch=self.single)
+                registration = register(
+                    self.outlines, target, second.landmarks, single_patch=self.single, snap=snap
+                )
             joints = sum(len(loop.joints) - 1 for loop in registration.loops)
             stage.found = f"{joints} joints, confidence {registration.confidence:.2f}"
         with run.clock("feasibility"):

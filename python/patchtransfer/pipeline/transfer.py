@@ -85,6 +85,8 @@ def transfer(
         says so. They look at the clock between steps. A result that was cut may differ from run to run, others do not
         depend on the limit. Default none: a budget of Newton steps ends what has no hope
         (``docs/stages/optimisation.md``).
+    paper_options : PaperOptions, optional
+        Choices of ``method="paper"``, each with the paper's section: see `PaperOptions`.
 
     Returns
     -------
