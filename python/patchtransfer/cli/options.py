@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..errors import InputError
 from ..pipeline.options import CHOICES, Options
+
+if TYPE_CHECKING:
+    from ..paper.options import PaperOptions
 
 __all__ = [
     "chosen",
@@ -80,6 +84,17 @@ keep_uncertified_option = click.option(
 )
 
 
+def _paper_options(context: click.Context, parameter: click.Parameter, text: str | None) -> PaperOptions | None:
+    if text is None:
+        return None
+    from ..paper.options import PaperOptions
+
+    try:
+        return PaperOptions.parse(text)
+    except InputError as error:
+        raise click.BadParameter(str(error)) from error
+
+
 def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
     """The options of a transfer, for `chosen`."""
     for option in reversed(
@@ -124,6 +139,7 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
             ),
             click.option(
                 "--paper-options",
+                callback=_paper_options,
                 metavar="KEY=VALUE,...",
                 help="Of --method paper: initial=reversible|dirichlet, freeze_interfaces, literal_rows, snap_corners "
                 "(true|false), max_iterations, boundary_weight (numbers).",
@@ -144,8 +160,4 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
 def chosen(options: dict[str, Any]) -> Options:
     """What the user chose of `transfer_options`."""
     given = dict(options)
-    if given["paper_options"] is not None:
-        from ..paper.options import PaperOptions
-
-        given["paper_options"] = PaperOptions.parse(given["paper_options"])
     return Options(on_failure="return" if given.pop("keep_uncertified") else "raise", **given)

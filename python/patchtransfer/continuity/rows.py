@@ -114,7 +114,11 @@ class C1Rows:
         self._vertex_rows = _VertexRows(control, ends, self._linear, set(topology.boundary_points.tolist()))
 
     def __call__(
-        self, reference: FloatArray, released: Collection[Spoke] = (), without: Collection[int] = (), literal: bool = False
+        self,
+        reference: FloatArray,
+        released: Collection[Spoke] = (),
+        without: Collection[int] = (),
+        literal: bool = False,
     ) -> ContinuityRows:
         """C1 rows along the interfaces and vertex rows at extraordinary vertices.
 

@@ -258,7 +258,7 @@ class InteriorSolver:
         The passes under rows start from the map without them: the first map, which takes longest, is found once.
         """
         # Triangle meshes need SciPy, whose import takes longer than most maps.
-        from ..paper.method import DEFAULTS, PaperHistory, paper_map
+        from ..paper.method import DEFAULTS, paper_map
 
         options = options or DEFAULTS
         topology = self.source.topology

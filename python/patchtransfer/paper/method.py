@@ -13,14 +13,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, eye_array
+from scipy.sparse import csc_array, csr_array, diags_array, eye_array, hstack
 
 from ..errors import InputError
 from ..geometry.topology import Topology
 from ..mesh.background_mesh import TriangleMesh, source_mesh, target_mesh
 from ..mesh.harmonic import mesh_harmonic_map
 from ..numeric.arrays import FloatArray, IntArray
-from ..numeric.dense import svd
 from ..progress import Budget, Clock
 from .bounded_distortion import remove_foldovers
 from .distortion_descent import minimise_distortion
@@ -30,9 +29,11 @@ from .reversible_harmonic import reverse_boundary, reversible_harmonic_map
 __all__ = ["PaperHistory", "PaperMap", "frozen_points", "paper_map"]
 
 DEFAULTS = PaperOptions()
-#: The descent's Newton steps converge quadratically: one or two more, and the result is the minimum's to some 1e-7 of the
-#: diameter instead of 1e-3, whatever map it started from.
+#: The descent's Newton steps converge quadratically: one or two more, and the result is the minimum whatever map it
+#: started from, instead of 1e-3 of the diameter beside it.
 DESCENT_TOLERANCE = 1e-12
+#: Two edges are on a line when one differs from a multiple of the other by less than this part of it: rounding.
+FLAT = 1e-12
 
 
 @dataclass(frozen=True)
@@ -254,17 +255,27 @@ def _without_flat_faces(
     mesh: TriangleMesh, start: FloatArray, interior: IntArray, null_space: Any
 ) -> tuple[TriangleMesh, int]:
     """The mesh without faces whose corners the rows keep on a line (2 s = p + q), and their number."""
-    rows = csr_array(csc_array(eye_array(len(start), format="csr")[:, interior] @ csc_array(null_space)))
+    rows = csr_array(eye_array(len(start), format="csr")[:, interior] @ csc_array(null_space))
     tied = np.zeros(len(start), bool)
     tied[interior] = rows[interior].count_nonzero(axis=1) != 1
+    doubtful = np.flatnonzero(tied[mesh.triangles].any(axis=1))
+    # Always on a line when two edges depend on the unknowns, and on the start, by one ratio.
+    corner = mesh.triangles[doubtful].T
+    motion = csr_array(hstack([rows, start]))
+    edges = [motion[corner[k]] - motion[corner[0]] for k in (1, 2)]
+    swap = diags_array((_dots(edges[1], edges[1]) > _dots(edges[0], edges[0])).astype(float))
+    # The longer one first, and what the other has beside it.
+    long, short = (edges[k] + swap @ (edges[1 - k] - edges[k]) for k in (0, 1))
+    length2 = _dots(long, long)
+    beside = short - diags_array(_dots(long, short) / np.where(length2 > 0, length2, 1)) @ long
     keep = np.ones(len(mesh.triangles), bool)
-    for face in np.flatnonzero(tied[mesh.triangles].any(axis=1)):
-        corner = mesh.triangles[face]
-        motion = np.hstack([rows[corner].toarray(), start[corner]])
-        # Always on a line when the edges depend on the unknowns, and on the start, by one ratio.
-        _, sigma, _ = svd(motion[1:] - motion[0])
-        keep[face] = sigma[1] > 1e-12 * sigma[0]
+    keep[doubtful] = _dots(beside, beside) > FLAT**2 * length2
     return TriangleMesh(mesh.points, mesh.triangles[keep], mesh.loops), int((~keep).sum())
+
+
+def _dots(a: csr_array, b: csr_array) -> FloatArray:
+    """Scalar products row by row."""
+    return np.asarray(a.multiply(b).sum(axis=1), float).ravel()
 
 
 def _reversible(

@@ -75,7 +75,9 @@ class PaperOptions:
         weight = self.boundary_weight
         # A comparison with NaN is false as well.
         if weight is not None and not (isinstance(weight, int | float) and 0 < weight < math.inf):
-            raise InputError(f"boundary_weight must be a positive number, or None for an exact boundary, got {weight!r}")
+            raise InputError(
+                f"boundary_weight must be a positive number, or None for an exact boundary, got {weight!r}"
+            )
 
     def __repr__(self) -> str:
         given = [f.name for f in fields(self) if getattr(self, f.name) != f.default]

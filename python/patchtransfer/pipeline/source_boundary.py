@@ -93,9 +93,7 @@ class SourceBoundary:
                     raise InputError(
                         'correspondence="runner-up": there is none, landmarks decide or no other one fits; leave it out'
                     )
-                registration = register(
-                    self.outlines, target, second.landmarks, single_patch=self.single, snap=snap
-                )
+                registration = register(self.outlines, target, second.landmarks, single_patch=self.single, snap=snap)
             joints = sum(len(loop.joints) - 1 for loop in registration.loops)
             stage.found = f"{joints} joints, confidence {registration.confidence:.2f}"
         with run.clock("feasibility"):

@@ -75,37 +75,48 @@ impl<'a> MeshTree<'a> {
         self.split(second, start + middle);
     }
 
-    /// The closest point to `query`.
-    pub fn closest(&self, query: Point) -> Foot {
-        let mut best = Foot { triangle: usize::MAX, weights: [0.0; 3], distance2: f64::INFINITY };
-        let mut stack = vec![0_u32];
-        while let Some(number) = stack.pop() {
-            let node = &self.nodes[number as usize];
-            if box_distance2(node, query) > best.distance2 {
+    /// The closest point to `query`; a triangle near it, if one is known, spares most of the search.
+    pub fn closest(&self, query: Point, near: Option<usize>) -> Foot {
+        let foot_on = |triangle: usize| {
+            let (weights, distance2) = foot(query, self.triangles[triangle].map(|v| self.vertices[v]));
+            Foot { triangle, weights, distance2 }
+        };
+        let none = Foot { triangle: usize::MAX, weights: [0.0; 3], distance2: f64::INFINITY };
+        let mut best = near.map_or(none, foot_on);
+        let distance2 = |n: u32| box_distance2(&self.nodes[n as usize], query);
+        let mut stack = Vec::with_capacity(32);
+        stack.push((0_u32, distance2(0)));
+        while let Some((number, least)) = stack.pop() {
+            // Not at equality: of equally close triangles the first is wanted.
+            if least > best.distance2 {
                 continue;
             }
+            let node = &self.nodes[number as usize];
             if node.count == 0 {
                 let (first, second) = (number + 1, node.start);
-                let nearer = |n: u32| box_distance2(&self.nodes[n as usize], query);
+                let (first, second) = ((first, distance2(first)), (second, distance2(second)));
                 // The nearer child is looked at first.
-                stack.extend(if nearer(first) <= nearer(second) { [second, first] } else { [first, second] });
+                stack.extend(if first.1 <= second.1 { [second, first] } else { [first, second] });
                 continue;
             }
             let range = node.start as usize..(node.start + node.count) as usize;
             for &t in &self.order[range] {
-                let triangle = t as usize;
-                let (weights, distance2) = foot(query, self.triangles[triangle].map(|v| self.vertices[v]));
-                if distance2 < best.distance2 || (distance2 == best.distance2 && triangle < best.triangle) {
-                    best = Foot { triangle, weights, distance2 };
+                let found = foot_on(t as usize);
+                if found.distance2 < best.distance2
+                    || (found.distance2 == best.distance2 && found.triangle < best.triangle)
+                {
+                    best = found;
                 }
             }
         }
         best
     }
 
-    /// Closest points to many queries, in parallel.
-    pub fn closest_all(&self, queries: &[Point]) -> Vec<Foot> {
-        queries.par_iter().with_min_len(CHUNK).map(|&query| self.closest(query)).collect()
+    /// Closest points to many queries, in parallel; `near` is empty or has a triangle for each.
+    pub fn closest_all(&self, queries: &[Point], near: &[usize]) -> Vec<Foot> {
+        assert!(near.is_empty() || near.len() == queries.len(), "a triangle for each query");
+        let one = |(i, &query): (usize, &Point)| self.closest(query, near.get(i).copied());
+        queries.par_iter().enumerate().with_min_len(CHUNK).map(one).collect()
     }
 }
 
@@ -167,9 +178,13 @@ mod tests {
     proptest! {
         #[test]
         fn equals_the_closest_of_all_triangles(vertices in points(30), queries in points(20),
-                                               faces in prop::collection::vec(prop::array::uniform3(0usize..30), 1..80)) {
+                                               faces in prop::collection::vec(prop::array::uniform3(0usize..30), 1..80),
+                                               seeds in prop::collection::vec(0usize..80, 20)) {
             let tree = MeshTree::new(&vertices, &faces);
-            for (query, found) in queries.iter().zip(tree.closest_all(&queries)) {
+            let near: Vec<usize> = seeds.iter().map(|s| s % faces.len()).collect();
+            let all = tree.closest_all(&queries, &near);
+            prop_assert_eq!(&all, &tree.closest_all(&queries, &[]));
+            for (query, found) in queries.iter().zip(all) {
                 let each: Vec<f64> = faces.iter().map(|t| foot(*query, t.map(|v| vertices[v])).1).collect();
                 let least = each.iter().copied().fold(f64::INFINITY, f64::min);
                 prop_assert_eq!(found.distance2, least);

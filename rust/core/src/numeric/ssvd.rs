@@ -10,7 +10,9 @@ use rayon::prelude::*;
 
 use crate::numeric::lanes::{Vectorizable, vectorized};
 
-const CHUNK: usize = 8192;
+/// Faces of a task: some 3 µs of work, less than which is not worth waking a thread for; meshes of control points, of
+/// 300 faces and more, are split.
+const CHUNK: usize = 512;
 /// Matrices whose factors are kept between two loops.
 const TILE: usize = 128;
 
