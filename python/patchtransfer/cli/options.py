@@ -141,8 +141,8 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
                 "--paper-options",
                 callback=_paper_options,
                 metavar="KEY=VALUE,...",
-                help="Of --method paper: initial=reversible|dirichlet, freeze_interfaces, literal_rows, snap_corners "
-                "(true|false), max_iterations, boundary_weight (numbers).",
+                help="Of --method paper: initial=reversible|dirichlet, boundary_samples=source|uniform, "
+                "freeze_interfaces, literal_rows, snap_corners (true|false), max_iterations and boundary_weight.",
             ),
             keep_uncertified_option,
             click.option(

@@ -10,9 +10,10 @@ from dataclasses import dataclass, fields
 
 from ..errors import InputError
 
-__all__ = ["INITIAL_MAPS", "PaperOptions"]
+__all__ = ["BOUNDARY_SAMPLES", "INITIAL_MAPS", "PaperOptions"]
 
 INITIAL_MAPS = ("reversible", "dirichlet")
+BOUNDARY_SAMPLES = ("source", "uniform")
 
 
 @dataclass(frozen=True, repr=False)
@@ -20,7 +21,7 @@ class PaperOptions:
     """Choices of ``method="paper"``: Xu, Xiao, Xu, Gu, CMES 137(2), 2023.
 
     The most literal reading is ``PaperOptions(freeze_interfaces=True, literal_rows=True, snap_corners=False,
-    boundary_weight=1.0)``. See ``docs/methods.md`` for what each option does to the results.
+    boundary_samples="uniform", boundary_weight=1.0)``. See ``docs/methods.md`` for what comes of it.
 
     Parameters
     ----------
@@ -44,6 +45,10 @@ class PaperOptions:
         exact after it, as A u = b asks (Eq. 16). Default None: exact from the start, the limit of large λ. With any
         finite λ the Dirichlet energy draws the boundary inwards, and identities and affine maps come out only as well
         as the later stages mend that.
+    boundary_samples : {"source", "uniform"}, default "source"
+        Where the samples q_k of the boundary fit (Eq. 3) are on the target, at uniform parameters t_k: at the
+        "proportion and position" (§3.2) that the source's own points at t_k have, or at equal distances. With the
+        latter a source is not fitted to itself where its curves' speeds vary.
 
     Raises
     ------
@@ -63,10 +68,14 @@ class PaperOptions:
     literal_rows: bool = False
     snap_corners: bool = True
     boundary_weight: float | None = None
+    boundary_samples: str = "source"
 
     def __post_init__(self) -> None:
         if self.initial not in INITIAL_MAPS:
             raise InputError(f"initial must be one of {', '.join(INITIAL_MAPS)}, got {self.initial!r}")
+        if self.boundary_samples not in BOUNDARY_SAMPLES:
+            choices = ", ".join(BOUNDARY_SAMPLES)
+            raise InputError(f"boundary_samples must be one of {choices}, got {self.boundary_samples!r}")
         for name in ("freeze_interfaces", "literal_rows", "snap_corners"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"{name} must be True or False, got {getattr(self, name)!r}")

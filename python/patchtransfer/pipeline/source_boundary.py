@@ -117,7 +117,9 @@ class SourceBoundary:
         tolerance = run.options.fit_tolerance
         with run.clock("fitting") as stage:
             if run.options.method == "paper":
-                fitted = fit_boundary(registration, parameters="uniform", tolerance=tolerance)
+                chosen = run.options.paper_options
+                samples = "source" if chosen is None else chosen.boundary_samples
+                fitted = fit_boundary(registration, parameters=samples, tolerance=tolerance)
             else:
                 fitted = self.free_fit(registration, tolerance)
             stage.found = f"boundary error {fitted.error:.1e} of the diameter"
