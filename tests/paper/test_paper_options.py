@@ -60,12 +60,18 @@ def test_a_soft_boundary_keeps_even_the_identity_off():
 
 
 @pytest.mark.parametrize("name", ["grid", "plate", "star"])
-def test_a_transfer_to_the_own_boundary_changes_nothing(name):
+@pytest.mark.parametrize("a", [np.eye(2), np.array([[1.2, -0.9], [0.9, 1.2]])], ids=["identity", "similarity"])
+def test_transfers_to_similar_boundaries_are_exact(name, a):
     mp = sources()[name]
-    result = paper(mp, mp.boundary())
+    target = pt.Boundary(
+        [[pt.BSplineCurve(c.knots, c.degree, c.control_points @ a.T) for c in loop] for loop in mp.boundary().loops]
+    )
+    # By landmarks: the plate and the star match themselves in more than one way.
+    joints = np.array([c.control_points[0] for loop in mp.boundary().loops for c in loop])
+    result = paper(mp, target, np.hstack([joints, joints @ a.T]))
     assert result.succeeded
     pairs = zip(result.multipatch.patches, mp.patches, strict=True)
-    assert max(np.abs(a.control_points - b.control_points).max() for a, b in pairs) < EXACT * mp.diameter
+    assert max(np.abs(x.control_points - y.control_points @ a.T).max() for x, y in pairs) < EXACT * mp.diameter
 
 
 def test_equal_distances_do_not_fit_a_source_to_itself():
