@@ -174,7 +174,7 @@ def cotan_laplacian(
     points: FloatArray, triangles: IntArray
 ) -> tuple[FloatArray, IntArray, IntArray, tuple[int, int]]: ...
 def closest_on_mesh(
-    queries: FloatArray, vertices: FloatArray, triangles: IntArray, near: IntArray | None = None
+    queries: FloatArray, vertices: FloatArray, triangles: IntArray
 ) -> tuple[IntArray, FloatArray, FloatArray]: ...
 
 class LocalGlobal:

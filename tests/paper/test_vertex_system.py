@@ -55,26 +55,6 @@ def test_maps_multiply_as_matrices_do(mesh):
     np.testing.assert_allclose(p.transposed(y, n), p.matrix(n).T @ y, atol=1e-13)
 
 
-def test_the_search_may_start_anywhere(mesh):
-    rng = np.random.default_rng(1)
-    there = np.hstack([mesh.points, rng.normal(size=mesh.points.shape)])
-    queries = rng.normal(size=(200, 4))
-    plain = Barycentric.closest(queries, there, mesh.triangles)
-    for near in (plain, somewhere(mesh, rng)):
-        found = Barycentric.closest(queries, there, mesh.triangles, near)
-        np.testing.assert_array_equal(found.faces, plain.faces)
-        np.testing.assert_array_equal(found.weights, plain.weights)
-
-
-def test_bad_starts_of_a_search_are_refused(mesh):
-    from patchtransfer._core import closest_on_mesh
-
-    there = np.hstack([mesh.points, mesh.points])
-    for near in ([0, 1], [len(mesh.triangles)], [-1]):
-        with pytest.raises(ValueError, match=r"near needs a triangle|negative|range|index"):
-            closest_on_mesh(there[:1], there, mesh.triangles, np.array(near))
-
-
 def test_nothing_to_solve_for(mesh):
     system = VertexSystem(mesh, np.arange(len(mesh.points)))
     system.factorize(1.0, np.ones(len(mesh.points)), somewhere(mesh, np.random.default_rng(0)), np.ones(200))

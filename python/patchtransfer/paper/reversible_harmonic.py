@@ -229,7 +229,7 @@ class _Descent:
             self.pull[self.boundary] = weight / max(len(self.boundary), 1)
         # The first P are closest points of the given images alone.
         self.alpha, self.beta = 1.0, 1.0
-        self.p_ab, self.p_ba = self._closest(None, None)
+        self.project()
 
     def energy(self) -> float:
         """The energy in the module's docstring."""
@@ -292,15 +292,11 @@ class _Descent:
 
     def project(self) -> None:
         """The best P for these X: closest points in stacked coordinates, row by row."""
-        self.p_ab, self.p_ba = self._closest(self.p_ab, self.p_ba)
-
-    def _closest(self, near_ab: Barycentric | None, near_ba: Barycentric | None) -> tuple[Barycentric, Barycentric]:
         a, b = np.sqrt(1 - self.alpha), np.sqrt(self.beta)
         here_a, there_a = np.hstack([a * self.v_a, b * self.x_ab]), np.hstack([a * self.x_ba, b * self.v_b])
         here_b, there_b = np.hstack([a * self.v_b, b * self.x_ba]), np.hstack([a * self.x_ab, b * self.v_a])
-        p_ab = Barycentric.closest(here_a, there_a, self.triangles_b, near_ab)
-        p_ba = Barycentric.closest(here_b, there_b, self.triangles_a, near_ba)
-        return p_ab, p_ba
+        self.p_ab = Barycentric.closest(here_a, there_a, self.triangles_b)
+        self.p_ba = Barycentric.closest(here_b, there_b, self.triangles_a)
 
 
 def _vertex_areas(mesh: TriangleMesh) -> FloatArray:

@@ -40,14 +40,9 @@ class Barycentric:
     weights: FloatArray
 
     @classmethod
-    def closest(
-        cls, queries: FloatArray, vertices: FloatArray, triangles: IntArray, near: Barycentric | None = None
-    ) -> Barycentric:
-        """P vertices are the mesh's points closest to `queries`, both in stacked coordinates (m, 4) and (n, 4).
-
-        `near` is a P that may be close to it: the search starts there.
-        """
-        faces, weights, _ = closest_on_mesh(queries, vertices, triangles, None if near is None else near.faces)
+    def closest(cls, queries: FloatArray, vertices: FloatArray, triangles: IntArray) -> Barycentric:
+        """P vertices are the mesh's points closest to `queries`, both in stacked coordinates (m, 4) and (n, 4)."""
+        faces, weights, _ = closest_on_mesh(queries, vertices, triangles)
         return cls(faces, np.asarray(triangles)[faces], weights)
 
     def of(self, x: FloatArray) -> FloatArray:

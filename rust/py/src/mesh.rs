@@ -222,26 +222,19 @@ impl LocalGlobal {
 }
 
 /// For every query (m, 4) the closest point of a triangle mesh in four dimensions: its triangle, its barycentric
-/// coordinates there (m, 3) and the squared distance. `near` (m,) holds a triangle near each, where they are known.
+/// coordinates there (m, 3) and the squared distance.
 #[pyfunction]
-#[pyo3(signature = (queries, vertices, triangles, near=None))]
 fn closest_on_mesh<'py>(
     py: Python<'py>,
     queries: PyReadonlyArray2<'py, f64>,
     vertices: PyReadonlyArray2<'py, f64>,
     triangles: PyReadonlyArray2<'py, i64>,
-    near: Option<PyReadonlyArray1<'py, i64>>,
 ) -> PyResult<FeetTuple<'py>> {
     let (queries, vertices, triangles) = (points4(&queries)?, points4(&vertices)?, triangles3(&triangles)?);
     if triangles.is_empty() || triangles.as_flattened().iter().any(|&v| v >= vertices.len()) {
         return Err(PyValueError::new_err("a mesh needs triangles, and triangles need vertices that exist"));
     }
-    let near = near.map(|n| indices(&n)).transpose()?.unwrap_or_default();
-    if !(near.is_empty() || near.len() == queries.len()) || near.iter().any(|&t| t >= triangles.len()) {
-        return Err(PyValueError::new_err("near needs a triangle that exists for every query"));
-    }
-    let tree = || MeshTree::new(&vertices, &triangles);
-    let feet: Vec<Foot> = threads::run(py, || tree().closest_all(&queries, &near))?;
+    let feet: Vec<Foot> = threads::run(py, || MeshTree::new(&vertices, &triangles).closest_all(&queries))?;
     let weights: Vec<[f64; 3]> = feet.iter().map(|f| f.weights).collect();
     Ok((
         feet.iter().map(|f| f.triangle as i64).collect::<Array1<i64>>().into_pyarray(py),

@@ -45,12 +45,17 @@ impl<'a> MeshTree<'a> {
         let mut order: Vec<u32> =
             (0..u32::try_from(triangles.len()).expect("fewer than 4e9 faces")).collect();
         let mut tree = Self { vertices, triangles, order: Vec::new(), nodes: Vec::new() };
-        tree.split(&mut order, 0);
+        // Three times the centres: what decides is their order.
+        let centres: Vec<Point> = triangles
+            .iter()
+            .map(|t| std::array::from_fn(|c| t.iter().map(|&v| vertices[v][c]).sum()))
+            .collect();
+        tree.split(&mut order, 0, &centres);
         tree.order = order;
         tree
     }
 
-    fn split(&mut self, order: &mut [u32], start: usize) {
+    fn split(&mut self, order: &mut [u32], start: usize, centres: &[Point]) {
         let (mut low, mut high) = ([f64::INFINITY; 4], [f64::NEG_INFINITY; 4]);
         for &v in order.iter().flat_map(|&t| &self.triangles[t as usize]) {
             for c in 0..4 {
@@ -66,23 +71,18 @@ impl<'a> MeshTree<'a> {
         let axis =
             (0..4).max_by(|&a, &b| (high[a] - low[a]).total_cmp(&(high[b] - low[b]))).expect("four axes");
         let middle = order.len() / 2;
-        let centre = |t: u32| self.triangles[t as usize].iter().map(|&v| self.vertices[v][axis]).sum::<f64>();
+        let centre = |t: u32| centres[t as usize][axis];
         order.select_nth_unstable_by(middle, |&a, &b| centre(a).total_cmp(&centre(b)).then(a.cmp(&b)));
         let (first, second) = order.split_at_mut(middle);
-        self.split(first, start);
+        self.split(first, start, centres);
         self.nodes[number].count = 0;
         self.nodes[number].start = self.nodes.len() as u32;
-        self.split(second, start + middle);
+        self.split(second, start + middle, centres);
     }
 
-    /// The closest point to `query`; a triangle near it, if one is known, spares most of the search.
-    pub fn closest(&self, query: Point, near: Option<usize>) -> Foot {
-        let foot_on = |triangle: usize| {
-            let (weights, distance2) = foot(query, self.triangles[triangle].map(|v| self.vertices[v]));
-            Foot { triangle, weights, distance2 }
-        };
-        let none = Foot { triangle: usize::MAX, weights: [0.0; 3], distance2: f64::INFINITY };
-        let mut best = near.map_or(none, foot_on);
+    /// The closest point to `query`.
+    pub fn closest(&self, query: Point) -> Foot {
+        let mut best = Foot { triangle: usize::MAX, weights: [0.0; 3], distance2: f64::INFINITY };
         let distance2 = |n: u32| box_distance2(&self.nodes[n as usize], query);
         let mut stack = Vec::with_capacity(32);
         stack.push((0_u32, distance2(0)));
@@ -101,22 +101,19 @@ impl<'a> MeshTree<'a> {
             }
             let range = node.start as usize..(node.start + node.count) as usize;
             for &t in &self.order[range] {
-                let found = foot_on(t as usize);
-                if found.distance2 < best.distance2
-                    || (found.distance2 == best.distance2 && found.triangle < best.triangle)
-                {
-                    best = found;
+                let triangle = t as usize;
+                let (weights, distance2) = foot(query, self.triangles[triangle].map(|v| self.vertices[v]));
+                if distance2 < best.distance2 || (distance2 == best.distance2 && triangle < best.triangle) {
+                    best = Foot { triangle, weights, distance2 };
                 }
             }
         }
         best
     }
 
-    /// Closest points to many queries, in parallel; `near` is empty or has a triangle for each.
-    pub fn closest_all(&self, queries: &[Point], near: &[usize]) -> Vec<Foot> {
-        assert!(near.is_empty() || near.len() == queries.len(), "a triangle for each query");
-        let one = |(i, &query): (usize, &Point)| self.closest(query, near.get(i).copied());
-        queries.par_iter().enumerate().with_min_len(CHUNK).map(one).collect()
+    /// Closest points to many queries, in parallel.
+    pub fn closest_all(&self, queries: &[Point]) -> Vec<Foot> {
+        queries.par_iter().with_min_len(CHUNK).map(|&query| self.closest(query)).collect()
     }
 }
 
@@ -178,13 +175,9 @@ mod tests {
     proptest! {
         #[test]
         fn equals_the_closest_of_all_triangles(vertices in points(30), queries in points(20),
-                                               faces in prop::collection::vec(prop::array::uniform3(0usize..30), 1..80),
-                                               seeds in prop::collection::vec(0usize..80, 20)) {
+                                               faces in prop::collection::vec(prop::array::uniform3(0usize..30), 1..80)) {
             let tree = MeshTree::new(&vertices, &faces);
-            let near: Vec<usize> = seeds.iter().map(|s| s % faces.len()).collect();
-            let all = tree.closest_all(&queries, &near);
-            prop_assert_eq!(&all, &tree.closest_all(&queries, &[]));
-            for (query, found) in queries.iter().zip(all) {
+            for (query, found) in queries.iter().zip(tree.closest_all(&queries)) {
                 let each: Vec<f64> = faces.iter().map(|t| foot(*query, t.map(|v| vertices[v])).1).collect();
                 let least = each.iter().copied().fold(f64::INFINITY, f64::min);
                 prop_assert_eq!(found.distance2, least);
