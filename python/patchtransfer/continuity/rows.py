@@ -114,7 +114,11 @@ class C1Rows:
         self._vertex_rows = _VertexRows(control, ends, self._linear, set(topology.boundary_points.tolist()))
 
     def __call__(
-        self, reference: FloatArray, released: Collection[Spoke] = (), without: Collection[int] = ()
+        self,
+        reference: FloatArray,
+        released: Collection[Spoke] = (),
+        without: Collection[int] = (),
+        literal: bool = False,
     ) -> ContinuityRows:
         """C1 rows along the interfaces and vertex rows at extraordinary vertices.
 
@@ -126,6 +130,8 @@ class C1Rows:
             Interface ends where the row j = 1 is left out as well.
         without : collection of int
             Interfaces that get no rows at all.
+        literal : bool, default False
+            The paper's 2 s - p - q = 0 (Eq. 10), whatever knot spans, degrees and speeds are.
 
         Returns
         -------
@@ -138,7 +144,10 @@ class C1Rows:
             skipped[spoke.interface, int(spoke.at_end)] *= 2  # None at regular inner vertices.
         skipped = np.minimum(skipped, 2)
         keep = (self._from_ends >= skipped[self._interface]).all(axis=1) & ~rowless[self._interface]
-        ratios = chord_ratios(self._topology, self._control, reference)
+        if literal:
+            ratios = self._scales[:, 1] / self._scales[:, 0]
+        else:
+            ratios = chord_ratios(self._topology, self._control, reference)
         weights = np.column_stack([ratios * self._scales[:, 0], self._scales[:, 1]])
         weights /= weights.sum(axis=1, keepdims=True)
         interface, columns = self._interface[keep], self._columns[keep]
