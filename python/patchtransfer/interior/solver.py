@@ -30,7 +30,8 @@ from .optimizer import (
     optimize_with_ladder,
     step_cost,
 )
-from .under_rows import ROW_ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
+from .spoilt import spoilt_vertices
+from .under_rows import ROW_ROUNDS, ActiveRows, MakeRows, best_under_rows, optimize_under_rows, rows_summary
 
 if TYPE_CHECKING:
     from ..paper.method import PaperHistory
@@ -232,6 +233,7 @@ class InteriorSolver:
                     points,
                     check,
                     progress,
+                    looser=partial(self._looser, points, log) if level == "c1" else None,
                     release=level == "c1",
                     rounds=rounds,
                     budget=budget,
@@ -365,6 +367,21 @@ class InteriorSolver:
             cache[key].set_basis(null_space)
         return cache[key]
 
+    def _looser(
+        self, reference: FloatArray, log: list[str], tried: int, points: FloatArray, rows: ActiveRows
+    ) -> MakeRows | None:
+        """C1 rows with the map's own ratios, and then without second rows, at vertices where these spoil a map."""
+        before, after = (self.source.with_shared_points(x) for x in (reference, points))
+        lost = self._linear.symmetric_difference(rows.without)
+        found = self._c1.second_rows & spoilt_vertices(before, after, lost)
+        if tried > 2 or not found:
+            return None
+        places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in reference[sorted(found)].tolist())
+        way = "follow the speeds there" if tried == 1 else "are left out"
+        log.append(f"rows spoil patches: the second ones at the extraordinary vertices {places} {way}")
+        relaxed = {"own_ratios": found} if tried == 1 else {"open_vertices": found}
+        return partial(self._rows, "c1", reference, **relaxed)
+
     @property
     def _levels(self) -> tuple[str, ...]:
         """Exact G1 follows the frames of a map with C1 rows."""
@@ -376,11 +393,12 @@ class InteriorSolver:
         reference: FloatArray,
         released: Collection[Spoke] = (),
         without: Collection[int] = (),
+        **relaxed: Collection[int],
     ) -> ContinuityRows:
         """Continuity rows that follow the speeds and frames of a reference map."""
         if level.startswith("g1"):
             return g1_rows(self.source.topology, self._control, reference, without, linear=level == "g1 linear")
-        return self._c1(reference, released, without)
+        return self._c1(reference, released, without, **relaxed)
 
 
 def _figures(found: OptimizedMap) -> str:
