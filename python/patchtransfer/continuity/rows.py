@@ -1,8 +1,8 @@
 """Stage 6, continuity rows: linear equations B u = 0 on the control points that make patches join smoothly.
 
 ``continuity="c1"``: C1 rows on the interfaces (Xu et al. 2023, Eq. 10, weighted by knot spans and speeds) and
-vertex rows at extraordinary vertices (Eq. 11, for any gluing data and knots, and how fast the kink fades). The derivation is in
-``docs/continuity.md``.
+vertex rows at extraordinary vertices (Eq. 11, for any gluing data and knots, and how fast the kink fades). The
+derivation is in ``docs/continuity.md``.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class C1Rows:
     @property
     def second_rows(self) -> frozenset[int]:
         """Shared control points of the extraordinary vertices that get second rows."""
-        return frozenset(self._vertex_rows.vertex[self._vertex_rows.second()].tolist())
+        return self._vertex_rows.vertices
 
     def __call__(
         self,
@@ -150,10 +150,10 @@ class C1Rows:
         for spoke in released:
             skipped[spoke.interface, int(spoke.at_end)] *= 2  # None at regular inner vertices.
         skipped = np.minimum(skipped, 2)
-        second = self._vertex_rows.second(own_ratios, open_vertices)
+        ratios = chord_ratios(self._topology, self._control, reference)
+        second = self._vertex_rows.second(ratios, own_ratios, open_vertices)
         bare = rowless | self._vertex_rows.tangents_only(second)
         keep = (self._from_ends >= skipped[self._interface]).all(axis=1) & ~bare[self._interface]
-        ratios = chord_ratios(self._topology, self._control, reference)
         weights = np.column_stack([ratios * self._scales[:, 0], self._scales[:, 1]])
         weights /= weights.sum(axis=1, keepdims=True)
         interface, columns = self._interface[keep], self._columns[keep]

@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.basis import collocation_matrix, knot_spans, reverse_knots
 from ..geometry.topology import Vertex
@@ -21,6 +22,9 @@ __all__ = ["VertexRows", "overshoot"]
 #: From so many spans on an interface is C1 on all but the spans at its ends; on fewer little of it would be C1, and
 #: the kink counts.
 MANY_SPANS = 4
+#: Below this logarithm the product of ratios around a vertex is taken for 1: its twists grow with the inverse, and rows
+#: are told from rounding where they are less than 1e9 of them.
+SINGULAR = 1e-4
 #: Parameters at which a basis function is sampled for its median; the kink is stationary there.
 SAMPLES = 2001
 
@@ -63,17 +67,38 @@ class VertexRows:
         # A row in the middle of three points would have to follow both ends.
         shared = [len(control[i].curve) == 3 and vertices[i][1 - e].extraordinary for i, e in found]
         self._never = np.array(shared, bool) | (few & np.array([v.valence > 4 and v.valence % 2 for v in at], bool))
+        self._sense = np.array([-1.0 if e else 1.0 for _, e, _ in ends])
+        # The first end at every vertex of even valence, where all others have second rows.
+        whole = {v.point for v in at if v.valence % 2 == 0} - set(self.vertex[self._never].tolist())
+        _, first = np.unique(self.vertex, return_index=True)
+        self._first = first[np.isin(self.vertex[first], list(whole))]
         self._few, self._n_interfaces = few, len(control)
 
-    def second(self, own_ratios: Collection[int] = (), open_vertices: Collection[int] = ()) -> np.ndarray:
-        """Ends that have second rows: not those at `open_vertices`, nor short ones at `own_ratios`."""
-        short = self._few & np.isin(self.vertex, list(own_ratios))
-        return ~self._never & ~short & ~np.isin(self.vertex, list(open_vertices))
+    @property
+    def vertices(self) -> frozenset[int]:
+        """Shared control points of the vertices that get second rows."""
+        return frozenset(self.vertex[~self._never].tolist())
 
-    def tangents_only(self, second: np.ndarray) -> np.ndarray:
+    def second(
+        self, ratios: FloatArray, own_ratios: Collection[int] = (), open_vertices: Collection[int] = ()
+    ) -> NDArray[np.bool_]:
+        """Ends that have second rows: not those at `open_vertices`, nor short ones at `own_ratios`.
+
+        Around a vertex of even valence the twists' cyclic system is singular where the product of all A/B is 1. The
+        rows of a symmetric map depend there, so that one of them is left out.
+        """
+        here: NDArray[np.bool_] = ~self._never & ~(self._few & np.isin(self.vertex, list(own_ratios)))
+        here &= ~np.isin(self.vertex, list(open_vertices))
+        logs = self._sense * np.log(ratios[self.interface] * self.scales[:, 0] / self.scales[:, 1])
+        around = np.array([logs[self.vertex == self.vertex[k]].sum() for k in self._first])
+        here[self._first[np.abs(around) < SINGULAR]] = False
+        return here
+
+    def tangents_only(self, second: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Interfaces of few spans with no second row at either end, where no C1 row would make a span C1."""
         free = self.interface[self._few & ~second]
-        return np.bincount(free, minlength=self._n_interfaces) == 2
+        bare: NDArray[np.bool_] = np.bincount(free, minlength=self._n_interfaces) == 2
+        return bare
 
     def of(
         self,
@@ -116,8 +141,8 @@ class VertexRows:
 def overshoot(knot_bytes: bytes, degree: int) -> float:
     """The κ for which the kink e_0 (N_0 − κ N_1) at the start of clamped knots, as bytes, has the least mean.
 
-    The integral of |N_0 − κ N_1| is least where its sign halves that of N_1. The sign changes once, for N_0 / N_1 falls,
-    so κ = N_0 / N_1 at the median of N_1: at degree 3 0.531 on a single span, 0.148 on two uniform ones and more.
+    The integral of |N_0 − κ N_1| is least where its sign halves that of N_1. It changes once, for N_0 / N_1 falls, so
+    κ = N_0 / N_1 at the median of N_1: at degree 3 0.531 on a single span, 0.148 on two uniform ones and more.
     """
     knots = np.frombuffer(knot_bytes)
     breaks = knot_spans(knots)

@@ -30,7 +30,7 @@ from .optimizer import (
     optimize_with_ladder,
     step_cost,
 )
-from .spoilt import spoilt_vertices
+from .spoilt import SPOILT, spoilt_vertices
 from .under_rows import ROW_ROUNDS, ActiveRows, MakeRows, best_under_rows, optimize_under_rows, rows_summary
 
 if TYPE_CHECKING:
@@ -370,17 +370,25 @@ class InteriorSolver:
     def _looser(
         self, reference: FloatArray, log: list[str], tried: int, points: FloatArray, rows: ActiveRows
     ) -> MakeRows | None:
-        """C1 rows with the map's own ratios, and then without second rows, at vertices where these spoil a map."""
+        """C1 rows with the map's own ratios, and then without second rows, at vertices where these spoil a map.
+
+        Each choice may spoil a patch by half of what the one before may, for the kink grows from one to the next.
+        """
         before, after = (self.source.with_shared_points(x) for x in (reference, points))
         lost = self._linear.symmetric_difference(rows.without)
-        found = self._c1.second_rows & spoilt_vertices(before, after, lost)
+        found = self._c1.second_rows & spoilt_vertices(before, after, lost, SPOILT**tried)
         if tried > 2 or not found:
             return None
         places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in reference[sorted(found)].tolist())
-        way = "follow the speeds there" if tried == 1 else "are left out"
+        way = "follow the speeds there" if tried == 1 else "are left out, and the others follow the speeds"
         log.append(f"rows spoil patches: the second ones at the extraordinary vertices {places} {way}")
-        relaxed = {"own_ratios": found} if tried == 1 else {"open_vertices": found}
-        return partial(self._rows, "c1", reference, **relaxed)
+
+        def relaxed(released: Collection[Spoke], without: Collection[int]) -> ContinuityRows:
+            if tried == 1:
+                return self._c1(reference, released, without, own_ratios=found)
+            return self._c1(reference, released, without, own_ratios=self._c1.second_rows, open_vertices=found)
+
+        return relaxed
 
     @property
     def _levels(self) -> tuple[str, ...]:
@@ -393,12 +401,11 @@ class InteriorSolver:
         reference: FloatArray,
         released: Collection[Spoke] = (),
         without: Collection[int] = (),
-        **relaxed: Collection[int],
     ) -> ContinuityRows:
         """Continuity rows that follow the speeds and frames of a reference map."""
         if level.startswith("g1"):
             return g1_rows(self.source.topology, self._control, reference, without, linear=level == "g1 linear")
-        return self._c1(reference, released, without, **relaxed)
+        return self._c1(reference, released, without)
 
 
 def _figures(found: OptimizedMap) -> str:

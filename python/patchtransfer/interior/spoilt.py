@@ -18,7 +18,9 @@ SPOILT = 0.5
 SAMPLES = 4
 
 
-def spoilt_vertices(before: MultiPatch, after: MultiPatch, without: Collection[int] = ()) -> frozenset[int]:
+def spoilt_vertices(
+    before: MultiPatch, after: MultiPatch, without: Collection[int] = (), share: float = SPOILT
+) -> frozenset[int]:
     """Shared control points of the extraordinary vertices that have to do with what went wrong under rows.
 
     Parameters
@@ -27,14 +29,15 @@ def spoilt_vertices(before: MultiPatch, after: MultiPatch, without: Collection[i
         Without rows and under them.
     without : collection of int
         Interfaces that lost their rows.
+    share : float, default 0.5
+        A patch is spoilt where its smallest scaled Jacobian fell below this part of the smallest there was.
 
     Returns
     -------
     frozenset of int
-        At patches whose smallest scaled Jacobian fell below `SPOILT` of the smallest there was, and at the interfaces'
-        ends.
+        At spoilt patches, and at the interfaces' ends.
     """
-    least = SPOILT * min(_smallest(patch) for patch in before.patches)
+    least = share * min(_smallest(patch) for patch in before.patches)
     fell = {k for k, patch in enumerate(after.patches) if _smallest(patch) < least}
     extraordinary = [vertex for vertex in before.topology.vertices if vertex.extraordinary]
     found = {vertex.point for vertex in extraordinary if any(patch in fell for patch, _ in vertex.corners)}
@@ -46,12 +49,13 @@ def spoilt_vertices(before: MultiPatch, after: MultiPatch, without: Collection[i
 
 
 def _smallest(patch: Patch) -> float:
-    """Smallest scaled Jacobian of a patch over a grid of samples, corners of no angle aside."""
+    """Smallest scaled Jacobian of a patch of either handedness over a grid of samples, collapsed sides aside."""
     u, v = (_samples(knots) for knots in patch.knots)
     along, across = patch.grid(u, v, 1, 0), patch.grid(u, v, 0, 1)
     lengths = np.hypot(along[..., 0], along[..., 1]) * np.hypot(across[..., 0], across[..., 1])
     sines = along[..., 0] * across[..., 1] - along[..., 1] * across[..., 0]
-    return float(np.divide(sines, lengths, out=np.ones_like(sines), where=lengths > 0).min())
+    turn = np.sign(sines.sum())
+    return float(np.divide(turn * sines, lengths, out=np.ones_like(sines), where=lengths > 0).min())
 
 
 def _samples(knots: FloatArray) -> FloatArray:
