@@ -121,7 +121,7 @@ class C1Rows:
         reference: FloatArray,
         released: Collection[Spoke] = (),
         without: Collection[int] = (),
-        own_ratios: Collection[int] = (),
+        relaxed: Collection[int] = (),
         open_vertices: Collection[int] = (),
     ) -> ContinuityRows:
         """C1 rows along the interfaces and vertex rows at extraordinary vertices.
@@ -134,9 +134,9 @@ class C1Rows:
             Interface ends where the row j = 1 is left out as well.
         without : collection of int
             Interfaces that get no rows at all.
-        own_ratios : collection of int
-            Shared control points of extraordinary vertices whose second rows follow the map's speeds at these rows
-            instead of the chord's mean; on few spans there are none.
+        relaxed : collection of int
+            Shared control points of extraordinary vertices that get fewer second rows (even valence), or whose second
+            rows follow the map's speeds at these rows instead of the chord's mean (odd; on few spans there are none).
         open_vertices : collection of int
             Those that get no second rows.
 
@@ -151,14 +151,14 @@ class C1Rows:
             skipped[spoke.interface, int(spoke.at_end)] *= 2  # None at regular inner vertices.
         skipped = np.minimum(skipped, 2)
         ratios = chord_ratios(self._topology, self._control, reference)
-        second = self._vertex_rows.second(ratios, own_ratios, open_vertices)
+        second = self._vertex_rows.second(ratios, relaxed, open_vertices)
         bare = rowless | self._vertex_rows.tangents_only(second)
         keep = (self._from_ends >= skipped[self._interface]).all(axis=1) & ~bare[self._interface]
         weights = np.column_stack([ratios * self._scales[:, 0], self._scales[:, 1]])
         weights /= weights.sum(axis=1, keepdims=True)
         interface, columns = self._interface[keep], self._columns[keep]
         data = np.column_stack([weights[interface], -np.ones(len(interface))])
-        of_vertices = self._vertex_rows.of(ratios, reference, rowless, second, own_ratios)
+        of_vertices = self._vertex_rows.of(ratios, reference, rowless, second, relaxed)
         m, at_vertices = len(columns), len(of_vertices.columns)
         entries = summed(
             np.concatenate([np.repeat(np.arange(m), 3), np.repeat(m + np.arange(at_vertices), 6)]),

@@ -80,19 +80,24 @@ class VertexRows:
         return frozenset(self.vertex[~self._never].tolist())
 
     def second(
-        self, ratios: FloatArray, own_ratios: Collection[int] = (), open_vertices: Collection[int] = ()
+        self, ratios: FloatArray, relaxed: Collection[int] = (), open_vertices: Collection[int] = ()
     ) -> NDArray[np.bool_]:
-        """Ends that have second rows: not those at `open_vertices`, nor short ones at `own_ratios`.
+        """Ends that have second rows: all but one at `relaxed` vertices of even valence, none at `open_vertices`.
 
         Around a vertex of even valence the twists' cyclic system is singular where the product of all A/B is 1. The
-        rows of a symmetric map depend there, so that one of them is left out.
+        rows of a symmetric map depend there, so that one of them is left out as well.
         """
-        here: NDArray[np.bool_] = ~self._never & ~(self._few & np.isin(self.vertex, list(own_ratios)))
+        here: NDArray[np.bool_] = ~self._never & ~(self._few & self._own(relaxed))
         here &= ~np.isin(self.vertex, list(open_vertices))
         logs = self._sense * np.log(ratios[self.interface] * self.scales[:, 0] / self.scales[:, 1])
         around = np.array([logs[self.vertex == self.vertex[k]].sum() for k in self._first])
-        here[self._first[np.abs(around) < SINGULAR]] = False
+        here[self._first[(np.abs(around) < SINGULAR) | np.isin(self.vertex[self._first], list(relaxed))]] = False
         return here
+
+    def _own(self, relaxed: Collection[int]) -> NDArray[np.bool_]:
+        """Ends at relaxed vertices where leaving out one row gives no freedom: ratios of their own do."""
+        found: NDArray[np.bool_] = np.isin(self.vertex, list(set(relaxed) - set(self.vertex[self._first].tolist())))
+        return found
 
     def tangents_only(self, second: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Interfaces of few spans with no second row at either end, where no C1 row would make a span C1."""
@@ -106,12 +111,12 @@ class VertexRows:
         reference: FloatArray,
         rowless: np.ndarray,
         second: np.ndarray,
-        own_ratios: Collection[int] = (),
+        relaxed: Collection[int] = (),
     ) -> EndRows:
         """Rows for the ratios ω_L / ω_R of all interfaces and the frames of a map.
 
-        There are none for the interfaces of `rowless`, and second ones at the ends of `second` only; at the vertices
-        `own_ratios` these have the ratio of the map's distances |R_1 − s_1| and |L_1 − s_1|.
+        There are none for the interfaces of `rowless`, and second ones at the ends of `second` only; at `relaxed`
+        vertices of odd valence these have the ratio of the map's distances |R_1 − s_1| and |L_1 − s_1|.
         """
         (left, right), v, d = self.scales.T, self.value, self.slope
         a, b, c = self._frames(reference).T
@@ -120,7 +125,7 @@ class VertexRows:
         tangent = np.column_stack([pulls[0], zero, pulls[1], zero, -pulls[0] - pulls[1] - c * d[:, 0], -c * d[:, 1]])
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
         weights = np.column_stack([ratios[self.interface] * left, right])
-        own = np.isin(self.vertex, list(own_ratios))
+        own = self._own(relaxed)
         x = reference[self.points[own]]
         weights[own] = np.column_stack([np.hypot(*(x[:, k] - x[:, 5]).T) for k in (3, 1)])
         residual = np.column_stack([weights / weights.sum(axis=1, keepdims=True), -one])

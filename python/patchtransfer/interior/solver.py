@@ -370,7 +370,7 @@ class InteriorSolver:
     def _looser(
         self, reference: FloatArray, log: list[str], tried: int, points: FloatArray, rows: ActiveRows
     ) -> MakeRows | None:
-        """C1 rows with the map's own ratios, and then without second rows, at vertices where these spoil a map.
+        """C1 rows with second rows that are relaxed, and then without them, at vertices where these spoil a map.
 
         Each choice may spoil a patch by half of what the one before may, for the kink grows from one to the next.
         """
@@ -380,15 +380,15 @@ class InteriorSolver:
         if tried > 2 or not found:
             return None
         places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in reference[sorted(found)].tolist())
-        way = "follow the speeds there" if tried == 1 else "are left out, and the others follow the speeds"
+        way = "are relaxed" if tried == 1 else "are left out, all others relaxed"
         log.append(f"rows spoil patches: the second ones at the extraordinary vertices {places} {way}")
 
-        def relaxed(released: Collection[Spoke], without: Collection[int]) -> ContinuityRows:
+        def make(released: Collection[Spoke], without: Collection[int]) -> ContinuityRows:
             if tried == 1:
-                return self._c1(reference, released, without, own_ratios=found)
-            return self._c1(reference, released, without, own_ratios=self._c1.second_rows, open_vertices=found)
+                return self._c1(reference, released, without, relaxed=found)
+            return self._c1(reference, released, without, relaxed=self._c1.second_rows, open_vertices=found)
 
-        return relaxed
+        return make
 
     @property
     def _levels(self) -> tuple[str, ...]:
