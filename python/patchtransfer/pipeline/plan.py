@@ -69,7 +69,7 @@ def transfer(
         Rows (xs, ys, xt, yt) of corresponding boundary points; see `register`.
     continuity : {"c0", "c1", "g1"}, default "c1"
         Continuity across patches: "c1" keeps C1 rows along interfaces, with the ratio of speeds that the C0 solution
-        has, and vertex rows at extraordinary vertices (paper Eq. 10-12). "g1" is exact along whole interfaces
+        has, and vertex rows at extraordinary vertices (paper Eq. 10 and 11). "g1" is exact along whole interfaces
         (analysis-suitable gluing) and needs splines with enough freedom: degree 3 or more, inner knots of C^(p - 2),
         two spans where the degree is 3 (`MultiPatch.elevate`, `split_spans`, `reduce_continuity`). See
         ``docs/continuity.md``.
