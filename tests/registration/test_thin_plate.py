@@ -9,7 +9,7 @@ import targets
 from patchtransfer.geometry.outline import Outline
 from patchtransfer.registration.inner_distances import slide, sliding
 from patchtransfer.registration.sampled_boundary import BoundaryShape, image_of
-from patchtransfer.registration.thin_plate import bending_energy, bending_matrix, plate
+from patchtransfer.registration.thin_plate import bending_matrix, plate
 
 
 def cloud(n, seed=1):
@@ -56,8 +56,7 @@ def stretched():
 
 def test_gradient_and_matrix_are_derivatives(stretched):
     source, target, truth = stretched
-    none, all_of_it = (plate(source, target, [0, 1], weight) for weight in (0.0, 0.7))
-    without, bent = sliding(source, target, [0, 1], none), sliding(source, target, [0, 1], all_of_it)
+    without, bent = sliding(source, target, [0, 1]), sliding(source, target, [0, 1], 0.7)
 
     def bending(y):
         return [b - a for a, b in zip(without.model(y), bent.model(y), strict=True)]
@@ -69,12 +68,10 @@ def test_gradient_and_matrix_are_derivatives(stretched):
         slope = (bending(y + e)[0] - bending(y - e)[0]) / (2 * h)
         assert slope == pytest.approx(gradient[i], rel=1e-4, abs=1e-9)
     # Forces along the boundary are linear in the points there, as far as tangents do not turn.
-    matrix, _, size, _ = all_of_it
+    matrix, _, size, _ = plate(source, target, [0, 1], 0.7)
     tangents = [o.tangent(x) for o, x in zip(target.outlines, np.split(y, [len(truth[0])]), strict=True)]
     t = np.concatenate(tangents) / size
     np.testing.assert_allclose(hessian, 2 * 0.7 * matrix * (t @ t.T), atol=1e-9 * abs(hessian).max())
-    images = [o.point(x) for o, x in zip(target.outlines, np.split(y, [len(truth[0])]), strict=True)]
-    assert bending(y)[0] == pytest.approx(0.7 * bending_energy(all_of_it, np.concatenate(images)), rel=1e-9)
 
 
 def test_sliding_by_bending_is_nearer_to_a_smooth_map_than_by_distances(stretched):
@@ -86,9 +83,9 @@ def test_sliding_by_bending_is_nearer_to_a_smooth_map_than_by_distances(stretche
         anchors.append(np.column_stack([np.append(s, s[0] + outline.length), np.append(z, z[0] + length)]))
         keep.append(s[turn != 0])
     error = []
-    for bent in (None, plate(source, target, [0, 1], 0.1)):
-        start = slide(source, target, [0, 1], anchors, source.s, bent)[1]
-        found, energy = slide(source, target, [0, 1], anchors, keep, bent)
+    for bending in (0.0, 0.01):
+        start = slide(source, target, [0, 1], anchors, source.s, bending)[1]
+        found, energy = slide(source, target, [0, 1], anchors, keep, bending)
         assert energy < start
         off = [abs(image_of(a, s) - y) / lengths[0] for a, s, y in zip(found, source.s, truth, strict=True)]
         np.testing.assert_allclose(off[0][source.turn[0] != 0], 0, atol=1e-12)

@@ -2,9 +2,8 @@
 
 Metric multidimensional scaling (least squares on distances, near ones weighted up) with the points confined to the
 target's boundary. All loops slide together, so that holes without a shape of their own find their start. Distances
-alone cannot tell how a boundary stretches where a bend lengthens one side and shortens the other: with a plate the map
-is also made smooth (`thin_plate`), and turning, which alone tells how a side without features slides along itself,
-counts for more where it is sure.
+alone cannot tell how a boundary stretches where a bend lengthens one side and shortens the other: with `bending` the
+map is also made smooth (`thin_plate`).
 """
 
 from __future__ import annotations
@@ -15,15 +14,13 @@ import numpy as np
 
 from .._core import Sliding
 from ..numeric.arrays import FloatArray
-from .sampled_boundary import SMOOTH_WINDOW, SOFT, WINDOWS, BoundaryShape, cyclic_gap, image_of
-from .thin_plate import Plate
+from .sampled_boundary import SOFT, WINDOWS, BoundaryShape, cyclic_gap, image_of
+from .thin_plate import plate
 
 __all__ = ["energy_of", "slide", "sliding"]
 
 #: Weights of stretch along the loops and of unlike turning.
 STRETCH, TURNING = 0.03, 1.0
-#: Weight of unlike turning beside bending: from 8 to 12 the errors of families of deformations differ by a few percent.
-SMOOTH_TURNING = 10.0
 #: Distances below this many steps between nodes are left to the stretch term: interpolation cannot tell them.
 NEAR = 12.0
 
@@ -34,7 +31,7 @@ def slide(
     partners: Sequence[int],
     anchors: Sequence[FloatArray],
     keep: Sequence[FloatArray],
-    bent: Plate | None = None,
+    bending: float = 0.0,
 ) -> tuple[list[FloatArray], float]:
     """Improve a matching of the first loops of `source`.
 
@@ -47,8 +44,8 @@ def slide(
         The matching of each loop to start from.
     keep : sequence of (r,) arrays
         Arc lengths of source nodes whose images stay: corners and landmarks.
-    bent : Plate, optional
-        Of these loops: the map is to bend little.
+    bending : float, default 0
+        Weight of the bending energy.
 
     Returns
     -------
@@ -65,7 +62,7 @@ def slide(
             for s, at, o in zip(source.s, keep, source.outlines, strict=False)
         ]
     )
-    slid, energy = sliding(source, target, partners, bent).slide(np.concatenate(x), held)
+    slid, energy = sliding(source, target, partners, bending).slide(np.concatenate(x), held)
     x = np.split(slid, np.cumsum([len(y) for y in x])[:-1])
     lengths = [target.outlines[t].length for t in partners]
     loops = zip(source.s, source.outlines, x, lengths, strict=False)
@@ -83,13 +80,11 @@ def energy_of(
     return sliding(source, target, partners).slide(x, np.ones(len(x), bool))[1]
 
 
-def sliding(
-    source: BoundaryShape, target: BoundaryShape, partners: Sequence[int], bent: Plate | None = None
-) -> Sliding:
+def sliding(source: BoundaryShape, target: BoundaryShape, partners: Sequence[int], bending: float = 0.0) -> Sliding:
     """What positions of the nodes of the source's first loops on their partners cost, and the slide that lowers it.
 
-    Least squares on the inner distances of matched points, weighted by 1/d², on turning and on stretch; with a plate
-    also its bending energy.
+    Least squares on the inner distances of matched points, weighted by 1/d², on turning and on stretch; with `bending`
+    as its weight also the bending energy of the map.
     """
     loops = range(len(partners))
     n = source.rows(len(partners) - 1).stop
@@ -99,22 +94,17 @@ def sliding(
     share = np.concatenate([x * part for x, part in zip(shares, parts, strict=True)])
     both = np.outer(share, share)
     weight = np.where(wanted < NEAR * np.sqrt(both), 0.0, both / (wanted**2 + SOFT))
-    if bent is None:
-        windows, turning = WINDOWS, source.turning
-        certain = [np.full(len(x), TURNING / len(WINDOWS)) for x in shares]
-    else:
-        windows, turning = [SMOOTH_WINDOW], tuple(angles for angles, _ in source.smooth_turning)
-        certain = [SMOOTH_TURNING * weight for _, weight in source.smooth_turning]
     of_loops = [
         (
             target.outlines[t].core,
             target.s[t],
             target.rows(t).start,
-            turning[k],
-            parts[k] * shares[k] * certain[k],
+            source.turning[k],
+            TURNING * parts[k] * shares[k] / len(WINDOWS),
             np.diff(source.positions(k)),
             STRETCH * parts[k] ** 2,
         )
         for k, t in zip(loops, partners, strict=True)
     ]
-    return Sliding(of_loops, target.distances, wanted, weight / weight.sum(), windows, bent)
+    bent = plate(source, target, partners, bending) if bending else None
+    return Sliding(of_loops, target.distances, wanted, weight / weight.sum(), WINDOWS, bent)

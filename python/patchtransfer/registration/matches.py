@@ -21,7 +21,6 @@ from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.dense import product
 from .inner_distances import energy_of, slide
 from .sampled_boundary import BoundaryShape, image_of
-from .thin_plate import Plate, bending_energy, plate
 
 __all__ = ["Match", "WholeMatch", "match_hole", "match_outer", "pair_holes", "rank_with_holes", "smooth"]
 
@@ -42,11 +41,8 @@ SAME = 0.01
 TIE, TIE_SCORE = 0.1, 1e-6
 #: A score below this is rounding.
 NO_SCORE = 1e-9
-#: The last slide minimises BENDING * BENT * log(1 + E / BENT) of the bending energy E, among others: where a map bends
-#: much anyway, some part of E more or less matters, not an amount. Waves of 5 % of the size have E = 0.4.
-BENDING, BENT = 0.1, 0.25
-#: Slides for that, each with the logarithm's slope at the one before: a third changes places by 1e-4.
-LAST_SLIDES = 2
+#: Weight of the bending energy in the last slide.
+BENDING = 0.01
 #: Rounds of turning a matching back until it means no rotation: what is left falls by far in each.
 PLACING_ROUNDS = 4
 #: Starts nearer to each other than one part in so many of the loop end alike.
@@ -225,7 +221,7 @@ def _by_rotation(source: BoundaryShape, target: BoundaryShape, matches: list[Mat
     """Those as good as the first, up to the part `close` of its score, by rotation; then the others as they are."""
     limit = (1 + close) * matches[0].score + TIE_SCORE
     tied = [match for match in matches if match.score <= limit]
-    tied.sort(key=lambda match: abs(_rotation(source, target, match.anchors)))
+    tied.sort(key=lambda match: abs(_rotation(source, target, match)))
     return tied + matches[len(tied) :]
 
 
@@ -240,19 +236,13 @@ def _as_placed(source: BoundaryShape, target: BoundaryShape, match: Match) -> Ma
 
     On a nearly round outline shape hardly tells the start.
     """
-    length = target.outlines[0].length
-    anchors = _turned_to(source, target, match.anchors, 0.0)
+    anchors, length = match.anchors, target.outlines[0].length
+    for _ in range(PLACING_ROUNDS):
+        turned = _rotation(source, target, Match(anchors, match.corners, 0.0))
+        anchors = anchors - [0.0, turned / (2 * np.pi) * length]
     anchors = np.column_stack([anchors[:, 0], anchors[:, 1] - np.floor(anchors[0, 1] / length) * length])
     slid, score = slide(source, target, [0], [anchors], [source.s[0][:1]])
     return Match(slid[0], match.corners, score + match.corner_cost, match.corner_cost)
-
-
-def _turned_to(source: BoundaryShape, target: BoundaryShape, anchors: FloatArray, angle: float) -> FloatArray:
-    """Anchors of the outer loop moved along the target until they mean this rotation (radians)."""
-    for _ in range(PLACING_ROUNDS):
-        turned = _rotation(source, target, anchors) - angle
-        anchors = anchors - [0.0, turned / (2 * np.pi) * target.outlines[0].length]
-    return anchors
 
 
 def match_hole(
@@ -290,11 +280,11 @@ def slide_all(
     partners: Sequence[int],
     matches: Sequence[Match],
     settled: Collection[int],
-    bent: Plate | None = None,
+    bending: float = 0.0,
 ) -> tuple[list[FloatArray], float]:
     """Anchors of all loops after a common slide, and its energy; corners, given pairs and settled loops stay."""
     keep = [source.s[k] if k in settled else match.corners[:, 0] for k, match in enumerate(matches)]
-    return slide(source, target, partners, [match.anchors for match in matches], keep, bent)
+    return slide(source, target, partners, [match.anchors for match in matches], keep, bending)
 
 
 def smooth(
@@ -306,20 +296,9 @@ def smooth(
 ) -> list[FloatArray]:
     """Anchors of all loops after the last slide, which also makes the map between the boundaries smooth.
 
-    It comes last because a matching is judged by distances alone: a limb that turns bends the plane sharply. A nearly
-    round outline keeps the rotation that it was placed with, about which smoothness knows nothing either.
+    It comes last because a matching is judged by distances alone: a limb that turns bends the plane sharply.
     """
-    placed = matches[0]
-    bent = plate(source, target, partners, BENDING)
-    for _ in range(LAST_SLIDES):
-        anchors, _ = slide_all(source, target, partners, matches, settled, bent)
-        matches = [replace(match, anchors=found) for match, found in zip(matches, anchors, strict=True)]
-        images = zip(partners, anchors, source.s, strict=True)
-        energy = bending_energy(bent, np.concatenate([target.outlines[t].point(image_of(a, s)) for t, a, s in images]))
-        bent = bent._replace(weight=BENDING / (1 + energy / BENT))
-    if len(partners) == 1 and 0 not in settled and _turns_freely(source, placed, placed.corners):
-        anchors = [_turned_to(source, target, anchors[0], _rotation(source, target, placed.anchors))]
-    return anchors
+    return slide_all(source, target, partners, matches, settled, BENDING)[0]
 
 
 @dataclass(frozen=True)
@@ -457,10 +436,10 @@ def _aligned_starts(source: BoundaryShape, target: BoundaryShape) -> list[int]:
     return [int(j) for j in target.nearest_node(0, shifts / n * b.length)]
 
 
-def _rotation(source: BoundaryShape, target: BoundaryShape, anchors: FloatArray) -> float:
+def _rotation(source: BoundaryShape, target: BoundaryShape, match: Match) -> float:
     """Angle (radians) of the best similarity between the matched outer loops."""
     s = np.arange(128) / 128 * source.outlines[0].length
-    places = source.outlines[0].point(s), target.outlines[0].point(image_of(anchors, s))
+    places = source.outlines[0].point(s), target.outlines[0].point(image_of(match.anchors, s))
     a, b = (p[:, 0] + 1j * p[:, 1] for p in places)
     return float(np.angle(((a - a.mean()).conj() * (b - b.mean())).sum()))
 

@@ -15,7 +15,7 @@ from ..geometry.outline import CORNER, Outline
 from ..geometry.slivers import drawn_corners
 from ..numeric.arrays import FloatArray, IntArray
 
-__all__ = ["SMOOTH_WINDOW", "WINDOWS", "BoundaryShape", "NearDistances", "cyclic_gap", "image_of"]
+__all__ = ["WINDOWS", "BoundaryShape", "NearDistances", "cyclic_gap", "image_of"]
 
 #: Nodes of the outer loop, of a hole at most and at least, of all holes together about.
 SAMPLES, HOLE_SAMPLES, FEWEST_SAMPLES, ALL_HOLES = 160, 32, 8, 320
@@ -25,13 +25,6 @@ MAX_CORNERS = 96
 SAME_NODE, CROWDED = 0.1, 0.4
 #: Windows of the turning descriptor, in parts of the loop's length.
 WINDOWS = [1 / 48, 1 / 24, 1 / 12, 1 / 6]
-#: The window that the last slide compares turning with: the middle ones tell places where the outline has few features.
-SMOOTH_WINDOW = 1 / 12
-#: Where turning changes by more (half turns a loop length) its difference tells of a point that is a little beside its
-#: place, not of a shape that is unlike: at half the weight when that is 0.01 of the loop and 0.08 half turns.
-STEEP = 8.0
-#: Step, in parts of the loop, of the differences that give how fast turning changes.
-DIFFERENCE = 0.01
 #: Squared distance (relative to the root mean square) that softens the weight 1/d² of near distances.
 SOFT = 0.02
 #: Arc lengths that differ by less than this part of the loop are one.
@@ -106,17 +99,6 @@ class BoundaryShape:
         """Angles (n_k, windows) between the chords that arrive at and leave the nodes of every loop, in half turns."""
         pairs = zip(self.outlines, self.s, strict=True)
         return tuple(core_turning(outline.core, s, WINDOWS) for outline, s in pairs)
-
-    @cached_property
-    def smooth_turning(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
-        """Turning (n_k, 1) with the last slide's window, and the weight (n_k,) of its difference, of every loop."""
-        found = []
-        for outline, s in zip(self.outlines, self.s, strict=True):
-            h = DIFFERENCE * outline.length
-            before, here, after = (core_turning(outline.core, s + x, [SMOOTH_WINDOW]) for x in (-h, 0.0, h))
-            slope = (after - before)[:, 0] / (2 * DIFFERENCE)
-            found.append((here, 1 / (1 + (slope / STEEP) ** 2)))
-        return tuple(found)
 
     @cached_property
     def quantiles(self) -> FloatArray:

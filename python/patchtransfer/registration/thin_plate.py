@@ -10,16 +10,15 @@ Mitteroecker, Bookstein: *Semilandmarks in three dimensions*, 2005).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from .._core import bending_matrix as core_bending_matrix
 from ..numeric.arrays import FloatArray
-from ..numeric.dense import product, svd
+from ..numeric.dense import svd
 from .sampled_boundary import BoundaryShape
 
-__all__ = ["Plate", "bending_energy", "bending_matrix", "plate"]
+__all__ = ["bending_matrix", "plate"]
 
 #: Mean square distance (relative to the squared size) by which the plate may miss its points, per unit of energy:
 #: caps the cost of a sharp crease, as necks of turned limbs have it.
@@ -44,11 +43,13 @@ def bending_matrix(points: FloatArray, slack: float = SLACK) -> FloatArray:
     return core_bending_matrix(points, slack)
 
 
-class Plate(NamedTuple):
-    """What sliding needs of the bending energy of a source's loops matched to a target's.
+def plate(
+    source: BoundaryShape, target: BoundaryShape, partners: Sequence[int], weight: float
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """What sliding needs of the bending energy of the source's first loops matched to their `partners`.
 
-    Attributes
-    ----------
+    Returns
+    -------
     matrix : (n, n) array
         See `bending_matrix`.
     affine : (n, 3) array
@@ -56,25 +57,10 @@ class Plate(NamedTuple):
     size : float
         Root mean square distance of the target's outer nodes from their centroid.
     weight : float
-        Of the energy among what sliding minimises.
+        As given.
     """
-
-    matrix: FloatArray
-    affine: FloatArray
-    size: float
-    weight: float
-
-
-def plate(source: BoundaryShape, target: BoundaryShape, partners: Sequence[int], weight: float) -> Plate:
-    """The plate over the nodes of the source's first loops, matched to their `partners`."""
     points = np.concatenate([source.outlines[k].point(source.s[k]) for k in range(len(partners))])
     u, sigma, _ = svd(np.column_stack([np.full(len(points), np.ptp(points)), points - points.mean(axis=0)]))
     outer = target.outlines[partners[0]].point(target.s[partners[0]])
     size = float(np.sqrt(((outer - outer.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    return Plate(bending_matrix(points), u[:, sigma > 1e-9 * sigma[0]], size, weight)
-
-
-def bending_energy(plate: Plate, images: FloatArray) -> float:
-    """Energy, without its weight, of the plate that takes its points to `images` (n, 2) in the target's unit."""
-    heights = (images - images.mean(axis=0)) / plate.size
-    return float((heights * product(plate.matrix, heights)).sum())
+    return bending_matrix(points), u[:, sigma > 1e-9 * sigma[0]], size, weight
