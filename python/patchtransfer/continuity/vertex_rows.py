@@ -43,8 +43,7 @@ class VertexRows:
     """Vertex rows of all interface ends at extraordinary vertices: g(0) = 0, and e_1 = −κ e_0.
 
     e_j = A L_j + B R_j − s_j is the residual of the C1 row j. On many spans κ = 0: the interface is C1 but for the span
-    at the vertex. On few κ is that of `overshoot`, and around vertices of odd valence from five on there is no second
-    row.
+    at the vertex. On few κ is that of `overshoot`, and around vertices of valence five and more there is no second row.
 
     At an end only the points L_0, L_1, R_0, R_1, s_0, s_1, counted from it, matter. Arrays run over the ends.
     """
@@ -66,12 +65,13 @@ class VertexRows:
         self._overshoot = np.where(few, past, 0.0)
         # A row in the middle of three points would have to follow both ends.
         shared = [len(control[i].curve) == 3 and vertices[i][1 - e].extraordinary for i, e in found]
-        self._never = np.array(shared, bool) | (few & np.array([v.valence > 4 and v.valence % 2 for v in at], bool))
+        self._never = np.array(shared, bool) | (few & np.array([v.valence > 4 for v in at], bool))
         self._sense = np.array([-1.0 if e else 1.0 for _, e, _ in ends])
         # The first end at every vertex of even valence, where all others have second rows.
         whole = {v.point for v in at if v.valence % 2 == 0} - set(self.vertex[self._never].tolist())
         _, first = np.unique(self.vertex, return_index=True)
         self._first = first[np.isin(self.vertex[first], list(whole))]
+        self._even = np.array([v.valence > 4 and v.valence % 2 == 0 for v in at], bool)
         self._few, self._n_interfaces = few, len(control)
 
     @property
@@ -100,9 +100,13 @@ class VertexRows:
         return found
 
     def tangents_only(self, second: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Interfaces of few spans with no second row at either end, where no C1 row would make a span C1."""
-        free = self.interface[self._few & ~second]
-        bare: NDArray[np.bool_] = np.bincount(free, minlength=self._n_interfaces) == 2
+        """Interfaces of few spans where C1 rows, which make no span C1 there, would raise the kink.
+
+        No end has a second row, or one of an even valence above four has none.
+        """
+        free = self._few & ~second
+        counts = np.bincount(self.interface[free], 1.0 + self._even[free], self._n_interfaces)
+        bare: NDArray[np.bool_] = counts >= 2
         return bare
 
     def of(
