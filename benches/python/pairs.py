@@ -31,7 +31,9 @@ import patchtransfer as pt
 QUICK = 1
 #: An answer that takes this many times its limit on the clock has no processor to itself, or sleeps.
 PATIENCE = 20
-OURS = [f"patchtransfer.{name}" for name in ("pipeline.plan", "sources.auto_layout.parameterize", "measure.quality")]
+OURS = [
+    f"patchtransfer.{name}" for name in ("pipeline.transfer", "sources.auto_layout.parameterize", "measure.quality")
+]
 #: Dots per inch of the picture in the documentation.
 SMALL = 55
 #: From a clean process, so that no thread is copied; what takes time to import is so once.

@@ -39,10 +39,10 @@ from .motion.deform import deform as deform
 from .motion.morph import Morph as Morph
 from .motion.morph import morph as morph
 from .pipeline.plan import TransferPlan as TransferPlan
-from .pipeline.plan import transfer as transfer
 from .pipeline.result import BoundaryMissedError as BoundaryMissedError
 from .pipeline.result import NotCertifiedError as NotCertifiedError
 from .pipeline.result import TransferResult as TransferResult
+from .pipeline.transfer import transfer as transfer
 from .proof.certificate import Certificate as Certificate
 from .proof.certificate import certify as certify
 from .sources.auto_layout.parameterize import parameterize as parameterize

@@ -57,6 +57,40 @@ def test_a_sliver_anywhere_is_absorbed_and_told(at, size, angle, place):
 
 
 @settings(max_examples=60, deadline=None)
+@given(st.integers(0, 4), st.floats(0.0, 1.0), st.floats(1e-4, 9e-3), st.floats(0, 6), st.integers(1, 3), placing)
+def test_a_spike_anywhere_is_cut_off_and_told(edge, along, size, angle, pieces, place):
+    """Out and back by other points, at a corner or along an edge (angle 0: forth and back on it)."""
+    a, b = HOUSE[edge], HOUSE[(edge + 1) % 5]
+    foot = a + (0.2 + 0.6 * along) * (b - a)
+    forth = np.arctan2(*(b - a)[::-1]) + angle * (angle > 0.1)
+    tip = foot + size * np.array([np.cos(forth), np.sin(forth)])
+    out, home = np.linspace(0, 1, pieces + 1)[:, None], np.linspace(1, 0, 3)[:, None]
+    spiked = [HOUSE[: edge + 1], foot + out * (tip - foot), (foot + home * (tip - foot))[1:], HOUSE[edge + 1 :]]
+    points = moved(np.concatenate(spiked), *place)
+    notes: list[str] = []
+    (loop,) = cleaned([polygon(points)], notes)
+    assert len(loop) == 6
+    assert all("spike" in note for note in notes)
+    assert notes
+    np.testing.assert_allclose(
+        np.sort([c.start @ [1, 0.37] for c in loop]),
+        np.sort(np.append(moved(HOUSE, *place), moved([foot], *place), axis=0) @ [1, 0.37]),
+        atol=2e-6 * place[1],
+    )
+    assert all((c.end == d.start).all() for c, d in zip(loop, [*loop[1:], loop[0]], strict=True))
+
+
+def test_cusps_thin_wedges_and_cracks_are_no_spikes():
+    airfoil = BSplineCurve([0, 0, 0, 1, 1, 1], 2, [(0.9, 0.02), (0.95, 0.001), (1, 0)])
+    rest = [line((1, 0), (0.9, -0.02)), line((0.9, -0.02), (0, 0)), line((0, 0), (0.9, 0.02))]
+    crack = polygon([(0, 0), (0.5, 0), (0.5, 0.3), (0.5, 0), (1, 0), (1, 1), (0, 1)])
+    for loop in ([airfoil, *rest], crack):
+        notes: list[str] = []
+        assert cleaned([loop], notes) == [loop]
+        assert notes == []
+
+
+@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 4), st.floats(1e-3, 1e-2), st.integers(1, 6), placing)
 def test_chamfers_and_fillets_from_a_thousandth_on_stay(at, size, pieces, place):
     before, corner, after = HOUSE[at - 1], HOUSE[at], HOUSE[(at + 1) % 5]

@@ -1,16 +1,21 @@
 """Joints that slide along the target to lower the distortion."""
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import models
 import patchtransfer as pt
+import shapes
 import targets
 from patchtransfer import InputError
 from patchtransfer.geometry.outline import Outline
 from patchtransfer.interior.solver import InteriorSolver
+from patchtransfer.pipeline import inside
 from patchtransfer.pipeline.inside import slide
-from patchtransfer.pipeline.options import Options, Run
+from patchtransfer.pipeline.options import MISSED, Options, Run
 from patchtransfer.pipeline.posed import Registered
 from patchtransfer.pipeline.sliding import _modes, movable_joints
 from patchtransfer.pipeline.source_boundary import SourceBoundary
@@ -110,3 +115,63 @@ def test_modes_are_few_and_move_all_joints_together(count):
     assert total[2] == 0
     # Between the hats' centres the weights add up to one: a rigid motion is in the span.
     assert np.allclose(total[mask][: -(-count // 96) * (len(modes) - 1) + 1], 1.0)
+
+
+#: Of a bow tie.
+FOLDED = pt.certify(pt.MultiPatch([shapes.quad((0, 0), (1, 0), (0, 1), (1, 1))]))
+
+
+def spoiling(monkeypatch, searches):
+    """Searches for the inside, counted from 0, that find nothing certified."""
+    solve, numbers = inside.solve, itertools.count()
+
+    def spoiled(*arguments):
+        posed, found = solve(*arguments)
+        return posed, replace(found, certificate=FOLDED) if next(numbers) in searches else found
+
+    monkeypatch.setattr(inside, "solve", spoiled)
+
+
+def test_joints_slide_back_where_only_that_is_certified(monkeypatch):
+    make, deformation = CASES["annulus, swirl"]
+    mp = make()
+    target, _ = targets.deformed(mp, deformation(mp), seed=2)
+    plan = pt.TransferPlan(mp, "c0")
+    fixed = plan.transfer(target, fixed_correspondence=True)
+    assert plan.transfer(target).sliding.rounds > 0
+    spoiling(monkeypatch, {0})
+    back = plan.transfer(target)
+    assert back.certificate.injective
+    assert inside.SLID_BACK in back.warnings
+    assert back.sliding.rounds == 0
+    assert np.array_equal(np.array(back.registration.joints), np.array(fixed.registration.joints))
+    for ours, unslid in zip(back.multipatch, fixed.multipatch, strict=True):
+        assert np.array_equal(ours.control_points, unslid.control_points)
+
+
+def test_what_fails_either_way_is_told_of_the_slid_joints(monkeypatch):
+    make, deformation = CASES["annulus, swirl"]
+    mp = make()
+    target, _ = targets.deformed(mp, deformation(mp), seed=2)
+    spoiling(monkeypatch, {0, 1})
+    result = pt.transfer(mp, target, continuity="c0", on_failure="return", refine="never")
+    assert FOLDED.status == result.certificate.status == "folded"
+    assert result.sliding.rounds > 0
+    assert inside.SLID_BACK not in result.warnings
+
+
+@pytest.mark.parametrize("slack", [1.0 + 1e-6, 1.1])
+def test_sliding_gives_no_success_up(slack):
+    # The fit's error is just within what counts as a success, and just within the tolerance.
+    make, deformation = CASES["o-grid, bump"]
+    mp = make()
+    target, _ = targets.deformed(mp, deformation(mp), seed=2)
+    plan = pt.TransferPlan(mp, "c0")
+    error = plan.transfer(target, fixed_correspondence=True, fit_tolerance=1e-9, refine="never",
+                          on_failure="return").boundary_error  # fmt: skip
+    for tolerance in (error * slack, error * slack / MISSED):
+        how = {"fit_tolerance": tolerance, "refine": "never", "on_failure": "return"}
+        fixed, slid = plan.transfer(target, fixed_correspondence=True, **how), plan.transfer(target, **how)
+        if fixed.boundary_error <= tolerance:
+            assert slid.boundary_error <= tolerance
+        assert fixed.missed or not slid.missed

@@ -55,6 +55,14 @@ def test_touching_loops_give_a_warning():
     assert all("touch" in w or "could not be decided" in w for w in warnings)
 
 
+def test_curves_that_run_along_each_other_are_told_of_once():
+    """Forth and back on one straight line, which meets itself everywhere."""
+    loop = polygon([(0, 0), (2, 0), (2, 1), (0, 1), (0, 0.5), (0, 0.8)])
+    warnings = check_loops([loop], "target boundary")
+    assert len(warnings) < 12
+    assert sum("places more" in w for w in warnings) > 0
+
+
 def test_thin_neck_is_no_crossing():
     gap = 1e-6
     neck = polygon([(0, 0), (1, 0), (1, 0.5), (2, 0.5), (2, 0), (3, 0), (3, 1), (2, 1),

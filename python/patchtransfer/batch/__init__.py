@@ -81,6 +81,8 @@ class BatchRow:
         How many the result has: the same for all, more than the source where it was split.
     refined : bool or None
         Whether the result has more knots than the source, so that it has no coefficients in common with the others.
+    mirrored : bool or None
+        Whether the source was mirrored for this target.
     landmarks : bool
         Whether a landmarks file was used.
     error : str or None
@@ -97,6 +99,7 @@ class BatchRow:
     boundary_error: float | None = None
     patches: int | None = None
     refined: bool | None = None
+    mirrored: bool | None = None
     confidence: float | None = None
     seconds: float | None = None
     landmarks: bool = False
@@ -323,6 +326,7 @@ def _transfer(plan: TransferPlan, job: _Job, options: BatchOptions) -> BatchRow:
             boundary_error=result.boundary_error,
             patches=len(result.multipatch),
             refined=result.refined,
+            mirrored=result.mirrored,
             confidence=result.registration.confidence,
             seconds=time.perf_counter() - begin,
             landmarks=landmarks,

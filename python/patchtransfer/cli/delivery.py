@@ -109,6 +109,8 @@ def summary(content: dict[str, Any], output: str | None) -> None:
         corners, origin = content["split"]["corners"], content["split"]["origin"]
         before = len({piece["patch"] for piece in origin})
         add("split", f"{before} -> {len(origin)} patches, for {len(corners)} corners of the target")
+    if content.get("mirrored"):
+        add("mirrored", "yes: the target is a mirror image of the source")
     if "boundary_error" in content:
         add("boundary error", f"{content['boundary_error']:.2e} of the diameter")
         missed = content.get("registration", {}).get("missed_corners")

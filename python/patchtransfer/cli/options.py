@@ -101,6 +101,13 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
                 help="auto: split the source's patches, in whole strips, where the target has corners that no joint "
                 "of the source takes.",
             ),
+            click.option(
+                "--mirror",
+                type=click.Choice(CHOICES["mirror"]),
+                default=Options.mirror,
+                show_default=True,
+                help="auto: mirror the source where the target is clearly its mirror image, or landmarks say so.",
+            ),
             fit_tolerance_option,
             click.option(
                 "--fixed-correspondence/--sliding-joints",

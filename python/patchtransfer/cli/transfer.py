@@ -56,7 +56,7 @@ def transfer(
     DXF), a polygon (GeoJSON), an airfoil or an image.
     """
     from .. import io
-    from ..pipeline.plan import transfer as run
+    from ..pipeline.transfer import transfer as run
 
     report = Report(json_path)
     with failures(report):

@@ -16,8 +16,8 @@ from ..files import json_text, write_atomic
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..numeric.arrays import FloatArray
-from ..pipeline.plan import transfer
 from ..pipeline.result import TransferResult
+from ..pipeline.transfer import transfer
 from ..plot import figures as plot
 from ..progress import Clock, Progress
 

@@ -106,8 +106,8 @@ def read_boundary(
         points, an image (PNG, TIFF, BMP) of the region or CSV (lines ``x,y``, one closed outline per block, blocks
         separated by blank lines; polygons, or cubic splines between corners).
     clean : bool, default True
-        Mend what is plainly a slip: slivers, repeated points, tiny gaps. Every change is one of the boundary's
-        ``notes``.
+        Mend what is plainly a slip: slivers, spikes, repeated points, tiny gaps. Every change is one of the
+        boundary's ``notes``.
     smooth : bool, optional
         Whether points are samples of smooth curves (True) or corners of a polygon (False); None (the default) decides
         by all turns together and tells in a note.

@@ -1,4 +1,4 @@
-"""Slips of drawings, mended: slivers, gaps, specks, curves without length. Every change is told with its size.
+"""Slips of drawings, mended: slivers, spikes, gaps, specks, curves without length. Every change is told with its size.
 
 A drawing has a resolution, the last digit that its numbers are rounded to: 0.01 on an icon of 24 units, 0.1 on one of
 512, that is 2e-4 to 3e-4 of the diagonal, and rounding in both coordinates moves a point by 1.4 times as much. What
@@ -18,6 +18,7 @@ from ..geometry.curve import BSplineCurve
 from ..geometry.slivers import RESOLUTION, SHARE, TURNS_BACK
 from ..numeric.arrays import FloatArray
 from .loops import TOLERANCE, close_loop, diameter, free_ends, with_ends
+from .spikes import without_spikes
 
 __all__ = ["RESOLUTION", "absorb", "cleaned", "mended", "slivers"]
 
@@ -84,16 +85,20 @@ def _gaps(curves: Sequence[BSplineCurve], same: float, bound: float) -> list[tup
 
 
 def cleaned(loops: Sequence[Sequence[BSplineCurve]], notes: list[str]) -> list[list[BSplineCurve]]:
-    """Loops without specks and slivers; what was changed is added to `notes`."""
+    """Loops without specks, spikes and slivers; what was changed is added to `notes`."""
     size = diameter([c for loop in loops for c in loop])
     result: list[list[BSplineCurve]] = []
-    specks, absorbed = [], []
+    specks, cut, absorbed = [], [], []
     for k, loop in enumerate(loops):
         across = diameter(loop)
         if across <= RESOLUTION * size and len(loops) > 1:
             specks.append(f"loop {k}, a speck {_size(across, size)} across at {_place(loop[0].start)}, left out")
             continue
-        whole = list(loop)
+        whole, spikes = without_spikes(loop, across)
+        cut += [
+            f"loop {k}: cut off a spike of {_size(long, size)} at {_place(at)}, where the outline ran back over itself"
+            for long, at in spikes
+        ]
         # Without one sliver another may stand next to long edges only.
         while True:
             whole, found = _without_slivers(whole, across)
@@ -105,6 +110,7 @@ def cleaned(loops: Sequence[Sequence[BSplineCurve]], notes: list[str]) -> list[l
         # Specks that lie far apart are all there is.
         return [list(loop) for loop in loops]
     _tell(notes, specks, "specks left out")
+    _tell(notes, cut, "spikes cut off")
     _tell(notes, absorbed, "slivers absorbed")
     return result
 

@@ -18,14 +18,44 @@ from ..proof.certificate import check_boundary
 from ..registration.register import Registration
 from .options import MISSED, Run
 from .posed import Posed, Registered, no_proof
-from .result import TransferResult
+from .result import TransferResult, functions_of_place
 from .sliding import SlideReport, slide_joints
 from .source_boundary import SourceBoundary
 
-__all__ = ["measure", "slide", "solve"]
+__all__ = ["attempt", "slide"]
 
 #: A model whose control points move by less than this part of its diameter stays where it is.
 STILL = 1e-9
+#: Part of the work for joints where they were before they slid, if no certified map is found where they slid to. There
+#: a map that sliding has spoiled takes a few steps, for joints were where shapes match.
+UNSLID = 0.25
+SLID_BACK = "joints slid back: no certified map was found where the distortion is least, but where they had been"
+
+
+def attempt(
+    registered: Registered,
+    fitted: FittedBoundary,
+    movable: Sequence[NDArray[np.bool_]],
+    boundary: SourceBoundary,
+    interior: InteriorSolver,
+    run: Run,
+) -> TransferResult:
+    """From the fitted boundary to the result, with the source's knots: pose, slide, solve, measure.
+
+    Sliding spoils nothing: joints go back where only that has a certified map.
+    """
+    posed = boundary.pose(registered, fitted, run)
+    slid, sliding = slide(posed, movable, boundary, interior, run)
+    if sliding is None or not sliding.rounds:
+        slid, found = solve(slid, boundary, interior, run)
+        return measure(slid, sliding, found, interior, run)
+    slid, found = solve(slid, boundary, interior, run.part(1 - UNSLID))
+    if not found.certificate.injective and not run.budget.expired():
+        stayed, unslid = solve(posed, boundary, interior, run.part(UNSLID))
+        if unslid.certificate.injective:
+            kept = SlideReport(sliding.energies[:1])
+            return measure(stayed, kept, unslid, interior, run).with_warnings([SLID_BACK])
+    return measure(slid, sliding, found, interior, run)
 
 
 def slide(
@@ -39,8 +69,13 @@ def slide(
     if posed.failure is not None or not any(mask.any() for mask in movable):
         return posed, None
 
+    limit = MISSED * run.options.fit_tolerance
+
     def refit(moved: Registration) -> FittedBoundary | None:
         trial = boundary.free_fit(moved, run.options.fit_tolerance)
+        if posed.fitted.error <= limit < trial.error:
+            # A success would be none any more.
+            return None
         check = boundary.check(trial)
         return trial if check.failure is None and check.degenerate == posed.degenerate else None
 
@@ -126,14 +161,12 @@ def measure(
 
 def _functions_of_the_source(source: MultiPatch, moved: MultiPatch) -> list[str]:
     """A note on what the source's file says of places, where these have moved."""
-    named = [block.name for block in source.blocks if block.of_place]
-    if not named:
+    notes = functions_of_place(source)
+    if not notes:
         return []
     pairs = zip(source.patches, moved.patches, strict=True)
     way = max(float(np.abs(a.control_points - b.control_points).max()) for a, b in pairs)
-    if way <= STILL * source.diameter:
-        return []
-    return [f"{', '.join(named)}: kept as written for the source; functions of x and y now mean other places on it"]
+    return notes if way > STILL * source.diameter else []
 
 
 def _lost_continuity(found: InteriorMap, interior: InteriorSolver, run: Run) -> list[str]:

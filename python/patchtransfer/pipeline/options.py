@@ -18,6 +18,7 @@ CHOICES = {
     "method": ("certified", "paper"),
     "refine": ("auto", "never", "tolerance"),
     "split": ("never", "auto"),
+    "mirror": ("never", "auto"),
     "correspondence": ("best", "runner-up"),
     "on_failure": ("raise", "return"),
 }
@@ -28,6 +29,7 @@ class SearchOptions(TypedDict, total=False):
 
     refine: str
     split: str
+    mirror: str
     fit_tolerance: float
     fixed_correspondence: bool | None
     correspondence: str
@@ -56,6 +58,7 @@ class Options:
     fit_tolerance: float = 1e-3
     _: KW_ONLY
     split: str = "never"
+    mirror: str = "never"
     fixed_correspondence: bool | None = None
     correspondence: str = "best"
     on_failure: str = "raise"

@@ -8,25 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Unpack
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..errors import InputError, TransferError
+from ..errors import InfeasibleTargetError, InputError, TransferError
 from ..fitting.fit import FittedBoundary
 from ..fitting.refinement import Knot, lone_spans, missed_spans, span_middles
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
-from ..geometry.splitting import split_model, split_patches
+from ..geometry.splitting import Cuts, split_model, split_patches
 from ..gradients.frozen import Frozen
 from ..interior.solver import InteriorSolver
 from ..progress import Budget, Clock, Progress
 from ..registration.lacking_joints import LackingJoint, lacking_joints
+from ..registration.register import Registration
 from .accepted import accepted
-from .inside import measure, slide, solve
-from .options import Run, SearchOptions, TransferOptions, options_of
+from .inside import attempt
+from .mirrored import MIRROR_IMAGE, POOR, Reflection, mirrored_rows, of_own_sides, reflected, told
+from .options import Run, TransferOptions, options_of
 from .posed import Registered
 from .refilled import Refilled, filled, frozen
 from .refined import finer
@@ -40,93 +42,12 @@ from .tasks import TransferTask, in_order
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-__all__ = ["Refilled", "TransferPlan", "transfer"]
+__all__ = ["Refilled", "TransferPlan"]
 
 #: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
 REFINEMENTS = 6
 #: Part of the work for a source as it is, and for the refined one, where both may be tried.
 HALF = 0.5
-
-
-def transfer(
-    source: MultiPatch,
-    target: Boundary,
-    landmarks: ArrayLike | None = None,
-    continuity: str = "c1",
-    method: str = "certified",
-    progress: Progress | None = None,
-    **options: Unpack[SearchOptions],
-) -> TransferResult:
-    """Transfer a multi-patch parameterization to a target boundary.
-
-    Parameters
-    ----------
-    source : MultiPatch
-        Polynomial patches, injective, connected.
-    target : Boundary
-        Closed loops in any order, sense, start, segmentation and degree; as many as the source has.
-    landmarks : (r, 4) array, optional
-        Rows (xs, ys, xt, yt) of corresponding boundary points; see `register`.
-    continuity : {"c0", "c1", "g1"}, default "c1"
-        Continuity across patches: "c1" keeps C1 rows along interfaces, with the ratio of speeds that the C0 solution
-        has, and vertex rows at extraordinary vertices (paper Eq. 10 and 11). "g1" is exact along whole interfaces
-        (analysis-suitable gluing) and needs splines with enough freedom: degree 3 or more, inner knots of C^(p - 2),
-        two spans where the degree is 3 (`MultiPatch.elevate`, `split_spans`, `reduce_continuity`). See
-        ``docs/continuity.md``.
-    method : {"certified", "paper"}, default "certified"
-        "certified" optimises the spline itself and proves the result. "paper" follows Xu, Xiao, Xu, Gu, CMES
-        137(2), 2023: uniform fit, harmonic map on a triangulated control net, fold-over removal by bounded
-        distortion, distortion descent; its result is certified as well, but nothing forces it to be injective.
-    progress : callable, optional
-        Called as ``progress(stage, step, energy, smallest_determinant)``: before every Newton step, and with step 0 and
-        NaN for the numbers when a stage begins. Stages are "feasibility", "registration", "fitting", "refinement",
-        "sliding", "optimisation", "continuity rows", "certificate" and "quality", as in the result's ``timings``, and
-        those of the paper's method; Newton steps go by what is tried, as in the result's ``log``: "optimise", "under
-        continuity rows: optimise" and so on. Where the callable has a method ``ended(stage, seconds, found)``, that is
-        called when a stage ends, with its seconds, without those of stages inside, and the figures that matter.
-    refine : {"auto", "never", "tolerance"}, default "auto"
-        "auto" inserts knots into the source, in whole strips of patches, where its boundary misses the target by
-        more than five times `fit_tolerance`, until it is met, and refines the source uniformly once if no certified
-        map is found; the result's ``refined`` and a warning tell. "tolerance" does so wherever the boundary misses by
-        more than `fit_tolerance`, and with method "paper", which "auto" leaves alone, as well. Neither splits
-        patches: that is `split`.
-    split : {"never", "auto"}, default "never"
-        "auto" splits the source's patches, in whole strips, where the target has corners that no joint of the source
-        takes: the same geometry, more patches, and every corner gets a joint. The result's ``split`` and a warning
-        tell; refine="auto" acts above `fit_tolerance` then. Where no certified map of the target is found so, the
-        source is taken as it is, if that does better.
-    fit_tolerance : float, default 1e-3
-        Boundary error, relative to the target's diameter, that the fit should reach.
-    fixed_correspondence : bool, optional
-        False lets boundary joints that are neither corners nor landmarks slide along the target to lower the
-        distortion (see `slide_joints`); True keeps all. Default False, but True with method "paper".
-    correspondence : {"best", "runner-up"}, default "best"
-        Which of the correspondences found without landmarks to take: where two fit nearly as well (a low
-        ``registration.confidence``), the other one may be what is wanted.
-    on_failure : {"raise", "return"}, default "raise"
-        What to do when no certified map is found, or one that misses the target by more than five times
-        `fit_tolerance`: raise `NotCertifiedError` or its subclass `BoundaryMissedError` (the best map is its
-        ``result``), or return the result with ``succeeded == False``.
-    time_limit : float, optional
-        Seconds, counted from when the source is prepared, after which searches end with the best map so far; a warning
-        says so. They look at the clock between steps. A result that was cut may differ from run to run, others do not
-        depend on the limit. Default none: a budget of Newton steps ends what has no hope
-        (``docs/stages/optimisation.md``).
-
-    Returns
-    -------
-    TransferResult
-
-    Raises
-    ------
-    InputError
-        On a folded, rational or disconnected source, bad landmarks or options.
-    InfeasibleTargetError
-        When no injective parameterization with this topology exists on the target.
-    NotCertifiedError, BoundaryMissedError
-        See `on_failure`.
-    """
-    return TransferPlan(source, continuity).transfer(target, landmarks, progress=progress, method=method, **options)
 
 
 class TransferPlan:
@@ -177,20 +98,81 @@ class TransferPlan:
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
         run = self._run(options, progress)
-        registered = self._registered(target, landmarks, run)
-        search = self._searched_split if run.options.split == "auto" else self._searched
-        result = search(registered, landmarks, run)
+        try:
+            plan, registered = self._faced(target, landmarks, run)
+        except InfeasibleTargetError as error:
+            # What fails before there is a correspondence, as a target that crosses itself, fails in the mirror as well.
+            if "registration" in run.clock.seconds and self._looks_mirrored(target, landmarks, None, run):
+                error.args = (f"{error}; {MIRROR_IMAGE}", *error.args[1:])
+            raise
+        given = landmarks if plan is self else mirrored_rows(landmarks)
+        search = plan._searched_split if run.options.split == "auto" else plan._searched
+        result = search(registered, given, run)
+        if plan is not self:
+            result = told(result, self.source)
+        elif not result.succeeded or registered.registration.loops[0].score > POOR:
+            mirrored = self._looks_mirrored(target, landmarks, registered.registration, run)
+            result = replace(result, looks_mirrored=mirrored)
+        notes = [MIRROR_IMAGE] if result.looks_mirrored else []
         advice = split_advice(result) if result.succeeded else None
-        if advice is not None:
-            result = result.with_warnings([advice])
-        error = failure_of(result) if run.options.on_failure == "raise" else None
-        if error is not None:
-            raise error
+        result = result.with_warnings(notes if advice is None else [*notes, advice])
+        failure = failure_of(result) if run.options.on_failure == "raise" else None
+        if failure is not None:
+            raise failure
         return result
 
     def _run(self, options: TransferOptions, progress: Progress | None = None) -> Run:
         chosen = options_of(options).decided()
         return Run(chosen, Clock(progress), Budget.of_source(self._interior.step_cost, chosen.time_limit), progress)
+
+    def _faced(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> tuple[TransferPlan, Registered]:
+        """The correspondence, and the plan that it is of: this one's or, if asked for, its mirror image's."""
+        failed, registered = None, None
+        try:
+            registered = self._registered(target, landmarks, run)
+        except TransferError as error:
+            if run.options.mirror == "never":
+                raise
+            failed = error
+        if run.options.mirror == "auto" and isinstance(target, Boundary):
+            # Which of the correspondences to take is another question.
+            best = run.options.correspondence == "best"
+            plain = registered.registration if registered is not None and best else None
+            with run.clock("registration"):
+                mirrored = self._reflection.fits(target, landmarks, plain)
+            if mirrored:
+                return self._mirrored, self._mirrored._registered(target, mirrored_rows(landmarks), run)
+        if registered is None:
+            assert failed is not None
+            raise failed
+        return self, registered
+
+    def _looks_mirrored(
+        self, target: Boundary, landmarks: ArrayLike | None, plain: Registration | None, run: Run
+    ) -> bool:
+        """Whether to say that the option `mirror` would help."""
+        if run.options.mirror == "auto" or landmarks is not None:
+            return False
+        with run.clock("registration"):
+            return self._reflection.fits(target, None, plain)
+
+    @cached_property
+    def _reflection(self) -> Reflection:
+        return Reflection(self._boundary.outlines)
+
+    @cached_property
+    def _mirrored(self) -> TransferPlan:
+        """The plan of the source's mirror image."""
+        reference = None if self.reference is None else reflected(self.reference)
+        if self._unsplit is None:
+            source = self.source
+            image = MultiPatch(reflected(source), source.interfaces, source.ids, source.sides, source.blocks)
+            plan = TransferPlan(image, self.continuity, reference=reference)
+        else:
+            older = self._unsplit
+            plan = older.plan._mirrored._cut(older.division.cuts, older.corners)
+        plan._notes = self._notes
+        return plan
 
     def _registered(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> Registered:
         """The correspondence; of a split source what it was before, with the new joints at corners that lacked one."""
@@ -212,13 +194,13 @@ class TransferPlan:
         if fitted.error > chosen.refined_beyond:
             plan, registered, fitted, refined = self._refined_to_tolerance(registered, fitted, run)
             notes += refined
-        result = plan._attempt(registered, fitted, movable, run)
+        result = attempt(registered, fitted, movable, plan._boundary, plan._interior, run)
         if chosen.refines and not result.certificate.injective and not run.budget.expired():
             with run.clock("refinement") as stage:
                 plan, registered = plan._refined(span_middles(plan.source.patches), registered)
                 stage.found = f"all spans halved, {plan.source.topology.n_points} control points"
             fitted = plan._boundary.fit(registered.registration, run)
-            finer = plan._attempt(registered, fitted, movable, run)
+            finer = attempt(registered, fitted, movable, plan._boundary, plan._interior, run)
             if finer.certificate.injective:
                 result, note = finer, "the source was refined uniformly: one knot in every span of every patch"
             else:
@@ -278,10 +260,13 @@ class TransferPlan:
 
     def _split(self, lacking: Sequence[Sequence[LackingJoint]]) -> TransferPlan:
         """A plan for the source split so that corners of targets that lack joints, target by target, get them."""
+        cuts = strip_cuts(lacking, self._welded.topology)
+        corners = dict.fromkeys(corner.point for corners in lacking for corner in corners)
+        return self._cut(cuts, tuple(corners)) if cuts else self
+
+    def _cut(self, cuts: Cuts, corners: tuple[tuple[float, float], ...]) -> TransferPlan:
+        """A plan for the source with cuts through its strips, made for these corners of targets."""
         topology = self._welded.topology
-        cuts = strip_cuts(lacking, topology)
-        if not cuts:
-            return self
         division = Division(topology, cuts, split_model(self._welded, cuts))
         source = division.model.multipatch
         reference = self.reference and split_patches(self.reference, topology.interfaces, cuts)
@@ -289,24 +274,10 @@ class TransferPlan:
             # Pieces may have a single span, which locks exact G1.
             source, reference = finer(source, reference, lone_spans(source.patches), 2)
         plan = TransferPlan(source, self.continuity, reference=reference)
-        plan._unsplit = Unsplit(self, division)
-        corners = dict.fromkeys(corner.point for corners in lacking for corner in corners)
-        plan.split = division.report(tuple(corners), self.split)
+        plan._unsplit = Unsplit(self, division, corners)
+        plan.split = division.report(corners, self.split)
         plan._notes += division.model.lost
         return plan
-
-    def _attempt(
-        self,
-        registered: Registered,
-        fitted: FittedBoundary,
-        movable: Sequence[NDArray[np.bool_]],
-        run: Run,
-    ) -> TransferResult:
-        """From the fitted boundary to the result, with the source's knots: pose, slide, solve, measure."""
-        posed = self._boundary.pose(registered, fitted, run)
-        posed, sliding = slide(posed, movable, self._boundary, self._interior, run)
-        posed, found = solve(posed, self._boundary, self._interior, run)
-        return measure(posed, sliding, found, self._interior, run)
 
     def split_for(
         self,
@@ -357,14 +328,18 @@ class TransferPlan:
         lacking = []
         for number, pair in enumerate(zip(targets, given, strict=True)):
             try:
-                near = self._with_near_joints_moved(self._registered(*pair, run))
+                plan, registered = self._faced(*pair, run)
+                near = plan._with_near_joints_moved(registered)
             except Exception as error:
                 if skip_failures:
                     continue
                 if isinstance(error, TransferError):
                     error.args = (f"targets[{number}]: {error}", *error.args[1:])
                 raise
-            lacking.append(lacking_joints(near.registration, run.options.fit_tolerance))
+            corners = lacking_joints(near.registration, run.options.fit_tolerance)
+            lacking.append(
+                corners if plan is self else of_own_sides(corners, plan._welded.topology, self._welded.topology)
+            )
         return self._split(lacking)
 
     def map(
@@ -494,7 +469,8 @@ class TransferPlan:
 
 
 class Unsplit(NamedTuple):
-    """The plan of a source before it was split, and how it was."""
+    """The plan of a source before it was split, how it was, and for which corners of targets."""
 
     plan: TransferPlan
     division: Division
+    corners: tuple[tuple[float, float], ...]

@@ -17,6 +17,7 @@ from ..interior.under_rows import ActiveRows
 from ..measure.continuity import ContinuityReport, check_continuity
 from ..measure.quality import Quality
 from ..proof.certificate import Certificate
+from ..registration.missed_tabs import tab_text
 from ..registration.register import Registration
 from .posed import Failure
 from .sliding import SlideReport
@@ -26,16 +27,21 @@ if TYPE_CHECKING:
     from ..paper.method import PaperHistory
 
 __all__ = [
+    "MIRROR_IMAGE",
     "BoundaryMissedError",
     "NotCertifiedError",
     "TransferResult",
     "corners_in_words",
     "failure_of",
+    "functions_of_place",
     "split_advice",
 ]
 
 #: Corners that a message names.
 NAMED = 5
+MIRROR_IMAGE = (
+    "the target looks like a mirror image of the source: --mirror auto (mirror='auto') mirrors the source for it"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +93,11 @@ class TransferResult:
         source's; None where the patches are the source's own.
     split_in_vain : bool
         Whether splitting the source was tried, and the source as it is did better.
+    mirrored : bool
+        Whether the source was mirrored (x -> -x) for a target that is a mirror image; its patches have the other hand.
+    looks_mirrored : bool
+        Whether the target looks like a mirror image, and the source was not mirrored. It is looked at where the shapes
+        fit poorly or nothing certified was found, without landmarks.
     """
 
     multipatch: MultiPatch
@@ -109,6 +120,8 @@ class TransferResult:
     refined: bool = False
     split: SourceSplit | None = None
     split_in_vain: bool = False
+    mirrored: bool = False
+    looks_mirrored: bool = False
     _freeze: Callable[[], Frozen] | None = field(default=None, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -164,11 +177,13 @@ class TransferResult:
             "boundary_missed": self.missed,
             "refined": self.refined,
             "split": None if self.split is None else self.split.to_dict(),
+            "mirrored": self.mirrored,
             "registration": {
                 "joints": [{"source": a.tolist(), "target": b.tolist()} for a, b in self.registration.joints],
                 "confidence": self.registration.confidence,
                 "landmarks": self.registration.landmarks.tolist(),
                 "missed_corners": [corner.to_dict() for corner in self.registration.missed_corners],
+                "missed_tabs": [tab.to_dict() for tab in self.registration.missed_tabs],
                 "runner_up": self.registration.runner_up and self.registration.runner_up.to_dict(),
             },
             "labels": plain(self.multipatch.sides),
@@ -217,12 +232,15 @@ def failure_of(result: TransferResult) -> NotCertifiedError | None:
     """The error of a transfer without a certified map of the target; None for a success."""
     if result.succeeded:
         return None
+    tabs = result.registration.missed_tabs
     if result.certificate.injective:
         side = max((side for sides in result.fitted.loops for side in sides), key=lambda side: side.error)
         x, y = side.curve(sum(side.curve.domain) / 2).tolist()
         tried = "even with more knots" if result.refined else "try --refine auto (refine='auto') or more landmarks"
         advice = split_advice(result)
         tried += f"; {advice}" if advice else ""
+        tried += f"; {tab_text(tabs)}" if tabs else ""
+        tried += f"; {MIRROR_IMAGE}" if result.looks_mirrored else ""
         return BoundaryMissedError(
             f"the boundary misses the target by {result.boundary_error:.2g} of its diameter, most along the side "
             f"about ({x:.4g}, {y:.4g}): {tried}; --keep-uncertified (on_failure='return') gives the map",
@@ -236,6 +254,8 @@ def failure_of(result: TransferResult) -> NotCertifiedError | None:
     more = "" if in_vain else "try --refine auto (refine='auto') or more landmarks; "
     advice = split_advice(result)
     more += f"{advice}; " if advice else ""
+    more += f"{tab_text(tabs)}; " if tabs else ""
+    more += f"{MIRROR_IMAGE}; " if result.looks_mirrored else ""
     return NotCertifiedError(
         f"no certified map was found ({result.certificate.status}): {reasons}{cut}; {more}--keep-uncertified "
         "(on_failure='return') gives the best map",
@@ -252,6 +272,14 @@ def split_advice(result: TransferResult) -> str | None:
         f"--split auto (split='auto') splits the source's patches, so that {corners_in_words(corners)} of the target "
         "get joints"
     )
+
+
+def functions_of_place(source: MultiPatch) -> list[str]:
+    """A note on what the source's file says of places, for a result that has them elsewhere."""
+    named = [block.name for block in source.blocks if block.of_place]
+    if not named:
+        return []
+    return [f"{', '.join(named)}: kept as written for the source; functions of x and y now mean other places on it"]
 
 
 def corners_in_words(corners: Sequence[tuple[float, float]]) -> str:

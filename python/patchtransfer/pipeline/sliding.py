@@ -48,7 +48,7 @@ SHARE = 0.1
 MAX_STEPS = 30
 #: More modes than this are coupled in groups of neighbouring joints.
 MODES = 96
-#: Moves may raise a fit error above the tolerance by this factor in all.
+#: Moves may raise a fit error that is above the tolerance by this factor in all.
 FIT_GROWTH = 1.2
 
 
@@ -86,11 +86,16 @@ class SlideReport:
 
     energies: tuple[float, ...]
 
+    @property
+    def rounds(self) -> int:
+        """How often joints were moved."""
+        return max(len(self.energies) - 1, 0)
+
     def __str__(self) -> str:
         if not self.energies:
             return "joints were not slid: the map has folds, so no distortion to compare"
         first, last = self.energies[0], self.energies[-1]
-        return f"joints slid in {len(self.energies) - 1} rounds: energy {first:.4f} -> {last:.4f}"
+        return f"joints slid in {self.rounds} rounds: energy {first:.4f} -> {last:.4f}"
 
 
 def movable_joints(registration: Registration, landmarks: ArrayLike | None) -> list[NDArray[np.bool_]]:
@@ -167,7 +172,7 @@ def slide_joints(
         return None
     current = Slid(registration, fitted, found, (found.energy,))
     least = 2 + 2 * AREA_WEIGHT
-    allowed = max(tolerance, FIT_GROWTH * fitted.error)
+    allowed = tolerance if fitted.error <= tolerance else FIT_GROWTH * fitted.error
     first = 0
     for _ in range(ROUNDS if any(mask.any() for mask in movable) else 0):
         if current.map.energy - least < NOTHING_TO_GAIN:

@@ -18,7 +18,7 @@ from .._core import DATA_ULPS
 from ..errors import InfeasibleTargetError
 from ..geometry.curve import BSplineCurve
 from ..numeric.arrays import FloatArray, IntArray
-from .certificate import BoundaryReport, check_boundary
+from .certificate import BoundaryReport, Meeting, check_boundary
 
 __all__ = ["Corner", "check_corners", "check_loops", "check_target_corners", "corner_report"]
 
@@ -83,7 +83,7 @@ def check_report(report: BoundaryReport, what: str) -> list[str]:
     for meeting in report.crossings:
         if meeting.kind == "crossing":
             raise InfeasibleTargetError(f"{what}: {meeting}; separate the curves there")
-    warnings = [f"{what}: {meeting}" for meeting in report.crossings]
+    warnings = [f"{what}: {text}" for text in _by_curves(report.crossings)]
     known = [around for around in report.around if around is not None]
     if len(known) < len(report.around):
         return [*warnings, f"{what}: which loops lie inside which could not be decided"]
@@ -98,6 +98,14 @@ def check_report(report: BoundaryReport, what: str) -> list[str]:
             hole = next(m for m in around if m not in outer)
             raise InfeasibleTargetError(f"{what}: loop {k} lies inside the hole that loop {hole} bounds; remove one")
     return warnings
+
+
+def _by_curves(meetings: Sequence[Meeting]) -> list[str]:
+    """Meetings in words, of two curves the first: where they run along each other there are very many."""
+    found: dict[tuple[object, ...], list[Meeting]] = {}
+    for meeting in meetings:
+        found.setdefault((meeting.kind, meeting.a[:2], meeting.b[:2]), []).append(meeting)
+    return [str(first) + (f", and {len(more)} places more" if more else "") for first, *more in found.values()]
 
 
 def corner_report(loops: Sequence[Sequence[BSplineCurve]], single_patch: Sequence[Sequence[bool]]) -> list[Corner]:

@@ -102,7 +102,7 @@ def _raise_disorder(
     if len(s) > 2 and (np.diff(np.roll(t, -1)[:-1]) < 0).all():
         raise InputError(
             f"landmark rows {', '.join(map(str, row))} run backwards along target loop {loop}: the target is a mirror "
-            "image of the source; mirror it first"
+            "image of the source; --mirror auto (mirror='auto') mirrors the source for it"
         )
     for i in range(1, len(s)):
         if t[i] < t[i - 1]:

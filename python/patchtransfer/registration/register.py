@@ -27,6 +27,7 @@ from .free_joints import joints_to_corners
 from .landmarks import landmark_anchors, pair_by_landmarks, place_landmarks, read_landmark_rows
 from .matches import HOPE, HOPELESS, Match, WholeMatch, match_outer, rank_with_holes, smooth
 from .missed_corners import MissedCorner, missed_corners, missed_warnings
+from .missed_tabs import MissedTab, missed_tabs, tab_text
 from .sampled_boundary import BoundaryShape, cyclic_gap, image_of
 
 __all__ = ["LoopRegistration", "Registration", "RunnerUp", "register"]
@@ -119,11 +120,18 @@ class Registration:
     warnings : tuple of str
     missed_corners : tuple of MissedCorner
         Corners of the target inside sides of the source, which the fit rounds off, loop after loop along the source.
+    mirrored : bool
+        Whether the loops are those of the source's mirror image (x -> -x). Points of the source that `joints`,
+        `landmarks`, `pairs` and `runner_up` give are the source's own.
+    missed_tabs : tuple of MissedTab
+        Tabs and notches of the target, without corners, where the source's boundary is straight.
     """
 
     loops: tuple[LoopRegistration, ...]
     warnings: tuple[str, ...] = ()
     missed_corners: tuple[MissedCorner, ...] = ()
+    mirrored: bool = False
+    missed_tabs: tuple[MissedTab, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Registration: {len(self.loops)} loops, confidence {self.confidence:.2f}>"
@@ -135,9 +143,13 @@ class Registration:
             pair
             for loop in self.loops
             for pair in zip(
-                loop.source.point(loop.source.joints[:-1]), loop.target.point(loop.joints[:-1]), strict=True
+                self._own(loop.source.point(loop.source.joints[:-1])), loop.target.point(loop.joints[:-1]), strict=True
             )
         ]
+
+    def _own(self, rows: FloatArray) -> FloatArray:
+        """Rows that begin with a point of the loops' source, with that point of the user's source."""
+        return np.concatenate([0.0 - rows[:, :1], rows[:, 1:]], axis=1) if self.mirrored else rows
 
     @property
     def confidence(self) -> float:
@@ -147,7 +159,7 @@ class Registration:
     @property
     def landmarks(self) -> FloatArray:
         """Rows (xs, ys, xt, yt) of all loops: given back to `register`, corrected or not, they fix what they pair."""
-        return np.concatenate([loop.landmarks for loop in self.loops])
+        return self._own(np.concatenate([loop.landmarks for loop in self.loops]))
 
     def pairs(self, n: int) -> FloatArray:
         """Rows (xs, ys, xt, yt) of corresponding points, `n` on every loop at equal distances on the source."""
@@ -155,13 +167,14 @@ class Registration:
         for loop in self.loops:
             s = np.arange(n, dtype=np.float64) / n * loop.source.length
             rows.append(np.concatenate([loop.source.point(s), loop.target.point(loop.to_target(s))], axis=1))
-        return np.concatenate(rows)
+        return self._own(np.concatenate(rows))
 
     @property
     def runner_up(self) -> RunnerUp | None:
         """Second best correspondence of the loop that is least sure, if there is one."""
         found = [loop for loop in self.loops if loop.runner_up is not None]
-        return min(found, key=lambda loop: loop.confidence).runner_up if found else None
+        second = min(found, key=lambda loop: loop.confidence).runner_up if found else None
+        return second and replace(second, landmarks=self._own(second.landmarks))
 
 
 def register(
@@ -222,6 +235,7 @@ def register(
     single = single_patch or [[False] * len(outline.curves) for outline in source_loops]
     loops, warnings = _correspondences(source_loops, target_loops, partner, given, marked_curves, single, sampled)
     missed: list[MissedCorner] = []
+    tabs: list[MissedTab] = []
     for k, loop in enumerate(loops):
         if loop.confidence < AMBIGUOUS:
             warnings.append(
@@ -231,7 +245,10 @@ def register(
         of_loop = missed_corners(loop.source, loop.target, loop.anchors, k, target_loops[0].diameter)
         warnings += missed_warnings(of_loop)
         missed += of_loop
-    return Registration(tuple(loops), tuple(warnings), tuple(missed))
+        tabs += missed_tabs(loop.source, loop.target, loop.anchors, k, {corner.side for corner in of_loop})
+    if tabs:
+        warnings.append(tab_text(tabs))
+    return Registration(tuple(loops), tuple(warnings), tuple(missed), missed_tabs=tuple(tabs))
 
 
 def _correspondences(
