@@ -13,6 +13,7 @@ import real
 import smoothness
 import targets
 from patchtransfer import examples
+from patchtransfer.continuity.interfaces import control_rows
 from patchtransfer.continuity.vertex_rows import overshoot
 from patchtransfer.geometry.basis import collocation_matrix
 from patchtransfer.interior.spoilt import spoilt_vertices
@@ -63,6 +64,25 @@ def test_stars_of_any_valence(valence, spans):
             inside = [s for s in smoothness.spans(after.multipatch) if s.place == "inside"]
             # One interface at a vertex of even valence may have to do without its second row.
             assert sum(not s.smooth for s in inside) <= (valence % 2 == 0)
+
+
+@pytest.mark.parametrize(
+    ("below", "above", "smooth"),
+    [(0.7, 0.7, 2), (1.4, 1.4, 2), (1.0, 1.3, 1), (0.8, 1.4, 1), (2.5, 2.5, 0), (0.3, 1.1, 1)],
+)
+def test_chords_are_c1_up_to_smooth_joints_whose_legs_allow_it(below, above, smooth):
+    """Two squares side by side, with the right leg at either joint longer or shorter than the left one."""
+    squares = [models.bilinear((a, 0), (a + 1, 0), (a + 1, 1), (a, 1)) for a in (0, 1)]
+    source = models.build(squares, 3, 4, None)
+    (rows,) = control_rows(source.topology)
+    points = source.topology.coordinates.copy()
+    for end, ratio in ((0, below), (-1, above)):
+        joint = rows.curve[end]
+        for leg, factor in ((rows.left[end], 1.0), (rows.right[end], ratio)):
+            points[leg] = points[joint] + factor * (points[leg] - points[joint]) / 2
+    found = smoothness.spans(pt.TransferPlan(source).refill(points).multipatch)
+    assert [s.smooth for s in found[1:-1]] == [True, True]
+    assert sum(s.smooth for s in (found[0], found[-1])) == smooth
 
 
 @real.needed

@@ -18,6 +18,7 @@ from ..geometry.topology import Spoke, Topology
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.compressed import Compressed, selected, summed
 from .interfaces import ControlRows, chord_ratios
+from .joint_ratios import JointRatios
 from .vertex_rows import VertexRows
 
 if TYPE_CHECKING:
@@ -94,9 +95,11 @@ class C1Rows:
     topology : Topology
     control : tuple of ControlRows
         Of `control_rows`.
+    legs : bool, default True
+        Whether chords that end at smooth joints of the boundary take the ratio of the legs there; see `JointRatios`.
     """
 
-    def __init__(self, topology: Topology, control: tuple[ControlRows, ...]) -> None:
+    def __init__(self, topology: Topology, control: tuple[ControlRows, ...], legs: bool = True) -> None:
         self._topology, self._control = topology, control
         vertices = {vertex.point: vertex for vertex in topology.vertices}
         ends = [[vertices[int(r.curve[0])], vertices[int(r.curve[-1])]] for r in control]
@@ -110,6 +113,7 @@ class C1Rows:
         self._scales = np.array([[r.left_scale, r.right_scale] for r in control]).reshape(-1, 2)
         self._linear = np.array([r.lowest_degree < 2 for r in control], bool)
         self._vertex_rows = VertexRows(control, ends, self._linear)
+        self._joint_ratios = JointRatios(topology, control if legs else ())
 
     @property
     def second_rows(self) -> frozenset[int]:
@@ -150,7 +154,7 @@ class C1Rows:
         for spoke in released:
             skipped[spoke.interface, int(spoke.at_end)] *= 2  # None at regular inner vertices.
         skipped = np.minimum(skipped, 2)
-        ratios = chord_ratios(self._topology, self._control, reference)
+        ratios = self._joint_ratios(chord_ratios(self._topology, self._control, reference), reference)
         second = self._vertex_rows.second(ratios, relaxed, open_vertices)
         bare = rowless | self._vertex_rows.tangents_only(second)
         keep = (self._from_ends >= skipped[self._interface]).all(axis=1) & ~bare[self._interface]

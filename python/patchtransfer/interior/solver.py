@@ -102,7 +102,8 @@ class InteriorSolver:
     def __init__(self, source: MultiPatch, continuity: str, reference: Sequence[Patch] | None = None) -> None:
         self.source, self.continuity, self.reference = source, continuity, reference
         self._control = () if continuity == "c0" else control_rows(source.topology)
-        self._c1 = C1Rows(source.topology, self._control)
+        # Exact G1 has no use for the legs' ratio: its own may vary along an interface.
+        self._c1 = C1Rows(source.topology, self._control, legs=continuity == "c1")
         self._linear = frozenset(i for i, r in enumerate(self._control) if r.lowest_degree < 2)
         self._degenerate = degenerate_corners(source.patches if reference is None else reference)
         #: Of a Newton step on the source's own nodes; see `SplineOptimizer`.
