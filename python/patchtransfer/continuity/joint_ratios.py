@@ -16,8 +16,8 @@ __all__ = ["JointRatios"]
 
 #: Sine of the angle between legs on one line: what rounding leaves of it. Measured as C1 is to 1e-8.
 STRAIGHT = 1e-10
-#: A ratio this many times that of the speeds bends the map along the whole chord for the sake of its last span: with 2 the
-#: smallest scaled Jacobian of the rabbit, split in four, falls from 0.47 to 0.33.
+#: A ratio this many times that of the speeds bends the map along the whole chord for the sake of its last span: with 2
+#: the smallest scaled Jacobian of the rabbit, split in four, falls from 0.47 to 0.33.
 FARTHEST = 1.5
 
 

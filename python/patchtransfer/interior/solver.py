@@ -97,13 +97,17 @@ class InteriorSolver:
     continuity : {"c0", "c1", "g1"}
     reference : sequence of Patch, optional
         Maps that distortion is measured against; default the source's own patches.
+    ratios : {"target", "source"}, default "target"
+        Whether rows follow the speeds and frames of the map that they are for, or those of the source.
     """
 
-    def __init__(self, source: MultiPatch, continuity: str, reference: Sequence[Patch] | None = None) -> None:
-        self.source, self.continuity, self.reference = source, continuity, reference
+    def __init__(
+        self, source: MultiPatch, continuity: str, reference: Sequence[Patch] | None = None, ratios: str = "target"
+    ) -> None:
+        self.source, self.continuity, self.reference, self.ratios = source, continuity, reference, ratios
         self._control = () if continuity == "c0" else control_rows(source.topology)
         # Exact G1 has no use for the legs' ratio: its own may vary along an interface.
-        self._c1 = C1Rows(source.topology, self._control, legs=continuity == "c1")
+        self._c1 = C1Rows(source.topology, self._control, legs=(continuity, ratios) == ("c1", "target"))
         self._linear = frozenset(i for i, r in enumerate(self._control) if r.lowest_degree < 2)
         self._degenerate = degenerate_corners(source.patches if reference is None else reference)
         #: Of a Newton step on the source's own nodes; see `SplineOptimizer`.
@@ -384,10 +388,12 @@ class InteriorSolver:
         way = "are relaxed" if tried == 1 else "are left out, all others relaxed"
         log.append(f"rows spoil patches: the second ones at the extraordinary vertices {places} {way}")
 
+        followed = self._followed(reference)
+
         def make(released: Collection[Spoke], without: Collection[int]) -> ContinuityRows:
             if tried == 1:
-                return self._c1(reference, released, without, relaxed=found)
-            return self._c1(reference, released, without, relaxed=self._c1.second_rows, open_vertices=found)
+                return self._c1(followed, released, without, relaxed=found)
+            return self._c1(followed, released, without, relaxed=self._c1.second_rows, open_vertices=found)
 
         return make
 
@@ -404,9 +410,14 @@ class InteriorSolver:
         without: Collection[int] = (),
     ) -> ContinuityRows:
         """Continuity rows that follow the speeds and frames of a reference map."""
+        followed = self._followed(reference)
         if level.startswith("g1"):
-            return g1_rows(self.source.topology, self._control, reference, without, linear=level == "g1 linear")
-        return self._c1(reference, released, without)
+            return g1_rows(self.source.topology, self._control, followed, without, linear=level == "g1 linear")
+        return self._c1(followed, released, without)
+
+    def _followed(self, reference: FloatArray) -> FloatArray:
+        """The map whose speeds and frames rows follow."""
+        return self.source.topology.coordinates if self.ratios == "source" else reference
 
 
 def _figures(found: OptimizedMap) -> str:

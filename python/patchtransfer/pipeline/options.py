@@ -21,6 +21,7 @@ CHOICES = {
     "mirror": ("never", "auto"),
     "correspondence": ("best", "runner-up"),
     "on_failure": ("raise", "return"),
+    "ratios": ("target", "source"),
 }
 
 
@@ -35,6 +36,8 @@ class SearchOptions(TypedDict, total=False):
     correspondence: str
     on_failure: str
     time_limit: float | None
+    c1_share: float | None
+    ratios: str | None
 
 
 class TransferOptions(SearchOptions, total=False):
@@ -63,16 +66,23 @@ class Options:
     correspondence: str = "best"
     on_failure: str = "raise"
     time_limit: float | None = None
+    c1_share: float | None = None
+    ratios: str | None = None
 
     def __post_init__(self) -> None:
         for name, choices in CHOICES.items():
-            if getattr(self, name) not in choices:
-                raise InputError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
+            value = getattr(self, name)
+            if value not in choices and not (name == "ratios" and value is None):
+                raise InputError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
         if not (_number(self.fit_tolerance) and 0 < self.fit_tolerance < 1):
             raise InputError(f"fit_tolerance must lie between 0 and 1, got {self.fit_tolerance!r}")
         # A comparison with NaN is false as well.
         if self.time_limit is not None and not (_number(self.time_limit) and self.time_limit > 0):
             raise InputError(f"time_limit must be a positive number of seconds, or None, got {self.time_limit!r}")
+        if self.c1_share is not None and not (_number(self.c1_share) and 0 < self.c1_share <= 1):
+            raise InputError(f"c1_share must lie between 0 and 1, or be None, got {self.c1_share!r}")
+        if self.method == "paper" and self.c1_share is not None:
+            raise InputError('c1_share inserts knots with method="certified" only; leave it out')
         if self.method == "paper" and self.fixed_correspondence is not None and not self.fixed_correspondence:
             raise InputError('joints slide with method="certified" only; leave fixed_correspondence out')
 

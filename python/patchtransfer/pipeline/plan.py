@@ -28,12 +28,13 @@ from ..registration.register import Registration
 from .accepted import accepted
 from .inside import attempt
 from .mirrored import MIRROR_IMAGE, POOR, Reflection, mirrored_rows, of_own_sides, reflected, told
-from .options import Run, TransferOptions, options_of
+from .options import CHOICES, Run, TransferOptions, options_of
 from .posed import Registered
 from .refilled import Refilled, filled, frozen
 from .refined import finer
 from .result import TransferResult, failure_of, split_advice
 from .sliding import movable_joints
+from .smoother import blocked_note, low_share_note, rough_middles, share_of, smoother_note
 from .source_boundary import SourceBoundary
 from .split_or_whole import better, split_note, vain_note
 from .splitting import Division, SourceSplit, onto_split, strip_cuts, with_near_joints_moved
@@ -46,6 +47,8 @@ __all__ = ["Refilled", "TransferPlan"]
 
 #: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
 REFINEMENTS = 6
+#: Rounds of knot insertion at most for a share of C1; each halves spans that are not.
+SMOOTHINGS = 8
 #: Part of the work for a source as it is, and for the refined one, where both may be tried.
 HALF = 0.5
 
@@ -59,6 +62,8 @@ class TransferPlan:
     continuity : {"c0", "c1", "g1"}, default "c1"
     reference : sequence of Patch, optional
         Maps that distortion is measured against, one a patch on the same knots; default the source's own patches.
+    ratios : {"target", "source"}, default "target"
+        Speeds and frames that continuity rows follow, as in `patchtransfer.transfer`.
 
     Attributes
     ----------
@@ -73,15 +78,26 @@ class TransferPlan:
         freedom that "g1" needs.
     """
 
-    def __init__(self, source: MultiPatch, continuity: str = "c1", *, reference: Sequence[Patch] | None = None) -> None:
+    def __init__(
+        self,
+        source: MultiPatch,
+        continuity: str = "c1",
+        *,
+        reference: Sequence[Patch] | None = None,
+        ratios: str = "target",
+    ) -> None:
+        if ratios not in CHOICES["ratios"]:
+            raise InputError(f"ratios must be one of {', '.join(CHOICES['ratios'])}, got {ratios!r}")
+        if (continuity, ratios) == ("g1", "source"):
+            raise InputError('ratios="source" is for continuity="c1": gluing data of the source fit no exact G1 map')
         self._welded, self._notes = accepted(source, continuity)
         # Put straight where rounding had bent it, which a note says; else as given.
         self.source = source = self._welded if self._notes else source
-        self.continuity = continuity
+        self.continuity, self.ratios = continuity, ratios
         self.reference = reference
         topology = source.topology
         self._boundary = SourceBoundary(self._welded.boundary().loops, topology)
-        self._interior = InteriorSolver(source, continuity, reference)
+        self._interior = InteriorSolver(source, continuity, reference, ratios)
         self.split: SourceSplit | None = None
         self._unsplit: Unsplit | None = None
 
@@ -98,6 +114,8 @@ class TransferPlan:
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
         run = self._run(options, progress)
+        if run.options.ratios not in (None, self.ratios):
+            return self._of_other_ratios.transfer(target, landmarks, progress=progress, **options)
         try:
             plan, registered = self._faced(target, landmarks, run)
         except InfeasibleTargetError as error:
@@ -121,8 +139,21 @@ class TransferPlan:
             raise failure
         return result
 
+    def _alike(self, source: MultiPatch, reference: Sequence[Patch] | None) -> TransferPlan:
+        """A plan for another source that is made as this one is."""
+        return TransferPlan(source, self.continuity, reference=reference, ratios=self.ratios)
+
+    @cached_property
+    def _of_other_ratios(self) -> TransferPlan:
+        other = "target" if self.ratios == "source" else "source"
+        plan = TransferPlan(self.source, self.continuity, reference=self.reference, ratios=other)
+        plan._notes, plan.split, plan._unsplit = self._notes, self.split, self._unsplit
+        return plan
+
     def _run(self, options: TransferOptions, progress: Progress | None = None) -> Run:
         chosen = options_of(options).decided()
+        if chosen.c1_share is not None and self.continuity != "c1":
+            raise InputError(f'c1_share is for continuity="c1", this plan has "{self.continuity}"; leave it out')
         return Run(chosen, Clock(progress), Budget.of_source(self._interior.step_cost, chosen.time_limit), progress)
 
     def _faced(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> tuple[TransferPlan, Registered]:
@@ -167,7 +198,7 @@ class TransferPlan:
         if self._unsplit is None:
             source = self.source
             image = MultiPatch(reflected(source), source.interfaces, source.ids, source.sides, source.blocks)
-            plan = TransferPlan(image, self.continuity, reference=reference)
+            plan = self._alike(image, reference)
         else:
             older = self._unsplit
             plan = older.plan._mirrored._cut(older.division.cuts, older.corners)
@@ -206,6 +237,9 @@ class TransferPlan:
             else:
                 note = "a uniform refinement of the source was tried: no certified map was found"
             notes.append(note)
+        if self.continuity == "c1" and chosen.method == "certified" and result.certificate.injective:
+            result, smoothed = plan._smoothed(result, registered, run)
+            notes += smoothed
         points = (result.multipatch.topology.n_points, self.source.topology.n_points)
         return replace(
             result.with_warnings(notes),
@@ -273,7 +307,7 @@ class TransferPlan:
         if self.continuity == "g1":
             # Pieces may have a single span, which locks exact G1.
             source, reference = finer(source, reference, lone_spans(source.patches), 2)
-        plan = TransferPlan(source, self.continuity, reference=reference)
+        plan = self._alike(source, reference)
         plan._unsplit = Unsplit(self, division, corners)
         plan.split = division.report(corners, self.split)
         plan._notes += division.model.lost
@@ -459,12 +493,45 @@ class TransferPlan:
         )
         return plan, registered, fitted, [note]
 
+    def _smoothed(self, result: TransferResult, registered: Registered, run: Run) -> tuple[TransferResult, list[str]]:
+        """Insert knots where interfaces are not C1, until as much of them is as was asked for; the boundary stays."""
+        wanted = run.options.c1_share
+        if wanted is None:
+            note = low_share_note(result.multipatch)
+            return result, [] if note is None else [note]
+        plan, best, count, why = self, result, 0, f"{SMOOTHINGS} rounds of knots did not suffice"
+        for _ in range(SMOOTHINGS):
+            if share_of(best.multipatch) >= wanted:
+                break
+            with run.clock("refinement") as stage:
+                knots = rough_middles(best.multipatch, wanted)
+                if not knots or run.budget.expired():
+                    why = "patches of degree 1 have no rows" if not knots else "the search was ended"
+                    break
+                plan, registered = plan._refined(knots, registered._replace(registration=best.registration))
+                target, _ = finer(best.multipatch, None, knots, 1)
+                stage.found = f"{len(knots)} spans of interfaces halved, {plan.source.topology.n_points} control points"
+            fitted = best.fitted.with_curves(plan._boundary.curves(target.topology.coordinates))
+            found = attempt(registered, fitted, [], plan._boundary, plan._interior, run)
+            found = replace(found, sliding=best.sliding)
+            if not found.certificate.injective:
+                why = "with more knots no certified map of the target was found"
+                break
+            best, count = found, count + len(knots)
+        notes = []
+        if count:
+            note = smoother_note(count, self.source, best.multipatch, share_of(best.multipatch))
+            notes.append(note)
+        if share_of(best.multipatch) < wanted:
+            notes.append(blocked_note(wanted, best.multipatch, why))
+        return best, notes
+
     def _refined(self, knots: Sequence[Knot], registered: Registered) -> tuple[TransferPlan, Registered]:
         """A plan for the source with more knots, and the same correspondence with its boundary curves."""
         # Exact G1 needs inner knots of C^(p - 2): simple ones would lock its rows.
         multiplicity = 2 if self.continuity == "g1" else 1
         source, reference = finer(self._welded, self.reference, knots, multiplicity)
-        plan = TransferPlan(source, self.continuity, reference=reference)
+        plan = self._alike(source, reference)
         return plan, registered._replace(registration=plan._boundary.registered(registered.registration))
 
 

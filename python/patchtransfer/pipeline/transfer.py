@@ -85,6 +85,14 @@ def transfer(
         says so. They look at the clock between steps. A result that was cut may differ from run to run, others do not
         depend on the limit. Default none: a budget of Newton steps ends what has no hope
         (``docs/stages/optimisation.md``).
+    c1_share : float, optional
+        With continuity "c1": knots are inserted, in whole strips of patches, where interfaces are not C1, until this
+        part of their length is (the result's ``continuity.c1_share``); warnings say so, or what stops it. Default none:
+        where less than half is, a warning says so.
+    ratios : {"target", "source"}, default "target"
+        Whether continuity rows follow the speeds and frames of the C0 solution, or those of the source. The source's
+        are the same for all targets, so that all results lie in one linear space, but for rows that are released: what
+        is interpolated between two of them keeps the rows that both have.
 
     Returns
     -------
@@ -99,4 +107,5 @@ def transfer(
     NotCertifiedError, BoundaryMissedError
         See `on_failure`.
     """
-    return TransferPlan(source, continuity).transfer(target, landmarks, progress=progress, method=method, **options)
+    plan = TransferPlan(source, continuity, ratios=options.get("ratios") or "target")
+    return plan.transfer(target, landmarks, progress=progress, method=method, **options)
