@@ -113,14 +113,14 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
                 "--c1-share",
                 type=float,
                 metavar="X",
-                help="Insert knots until this part of the interfaces' length is C1, with --continuity c1 (default: none).",
+                help="Insert knots until this part of the interfaces' length is C1 (default: none).",
             ),
             click.option(
                 "--ratios",
                 type=click.Choice(CHOICES["ratios"]),
                 default="target",
                 show_default=True,
-                help="Speeds and frames that continuity rows follow: the map's, or the source's, which all targets share.",
+                help="Speeds and frames that continuity rows follow: the map's, or the source's, as for all targets.",
             ),
             click.option(
                 "--fixed-correspondence/--sliding-joints",

@@ -163,11 +163,11 @@ class C1Rows:
         interface, columns = self._interface[keep], self._columns[keep]
         data = np.column_stack([weights[interface], -np.ones(len(interface))])
         of_vertices = self._vertex_rows.of(ratios, reference, rowless, second, relaxed)
-        m, at_vertices = len(columns), len(of_vertices.columns)
+        m, at_vertices = len(columns), len(of_vertices.vertex)
         entries = summed(
-            np.concatenate([np.repeat(np.arange(m), 3), np.repeat(m + np.arange(at_vertices), 6)]),
-            np.concatenate([columns.ravel(), of_vertices.columns.ravel()]),
-            np.concatenate([data.ravel(), of_vertices.data.ravel()]),
+            np.concatenate([np.repeat(np.arange(m), 3), m + of_vertices.row]),
+            np.concatenate([columns.ravel(), of_vertices.columns]),
+            np.concatenate([data.ravel(), of_vertices.data]),
             (m + at_vertices, self._topology.n_points),
         )
         none = np.full(len(interface), -1)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..geometry.basis import collocation_matrix, knot_spans, reverse_knots
 from ..geometry.topology import Vertex
 from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.dense import svd
 from .interfaces import ControlRows, frames
 
 __all__ = ["VertexRows", "overshoot"]
@@ -30,8 +31,9 @@ SAMPLES = 2001
 
 
 class EndRows(NamedTuple):
-    """Vertex rows: coefficients (m, 6) of the points `columns`, and where they come from."""
+    """Vertex rows: entries `data` in `row` and `columns`, and where each of the rows comes from."""
 
+    row: IntArray
     columns: IntArray
     data: FloatArray
     interface: IntArray
@@ -43,7 +45,8 @@ class VertexRows:
     """Vertex rows of all interface ends at extraordinary vertices: g(0) = 0, and e_1 = −κ e_0.
 
     e_j = A L_j + B R_j − s_j is the residual of the C1 row j. On many spans κ = 0: the interface is C1 but for the span
-    at the vertex. On few κ is that of `overshoot`, and around vertices of valence five and more there is no second row.
+    at the vertex. On few κ is that of `overshoot`, around vertices of valence 5, 7, ... there is no second row, and
+    around those of valence 6, 8, ... there is one less, all sharing what none of them may ask for.
 
     At an end only the points L_0, L_1, R_0, R_1, s_0, s_1, counted from it, matter. Arrays run over the ends.
     """
@@ -65,13 +68,13 @@ class VertexRows:
         self._overshoot = np.where(few, past, 0.0)
         # A row in the middle of three points would have to follow both ends.
         shared = [len(control[i].curve) == 3 and vertices[i][1 - e].extraordinary for i, e in found]
-        self._never = np.array(shared, bool) | (few & np.array([v.valence > 4 for v in at], bool))
+        self._never = np.array(shared, bool) | (few & np.array([v.valence > 4 and v.valence % 2 for v in at], bool))
         self._sense = np.array([-1.0 if e else 1.0 for _, e, _ in ends])
-        # The first end at every vertex of even valence, where all others have second rows.
+        # The ends around every vertex of even valence where all of them have second rows; few spans at all of them.
         whole = {v.point for v in at if v.valence % 2 == 0} - set(self.vertex[self._never].tolist())
-        _, first = np.unique(self.vertex, return_index=True)
-        self._first = first[np.isin(self.vertex[first], list(whole))]
-        self._even = np.array([v.valence > 4 and v.valence % 2 == 0 for v in at], bool)
+        around = [np.flatnonzero(self.vertex == point) for point in sorted(whole)]
+        self._shared = [ends for ends in around if few[ends].all()]
+        self._first = np.array([ends[0] for ends in around if not few[ends].all()], int)
         self._few, self._n_interfaces = few, len(control)
 
     @property
@@ -85,7 +88,7 @@ class VertexRows:
         """Ends that have second rows: all but one at `relaxed` vertices of even valence, none at `open_vertices`.
 
         Around a vertex of even valence the twists' cyclic system is singular where the product of all A/B is 1. The
-        rows of a symmetric map depend there, so that one of them is left out as well.
+        rows of a symmetric map depend there, so that one of them is left out as well. On few spans `of` combines them.
         """
         here: NDArray[np.bool_] = ~self._never & ~(self._few & self._own(relaxed))
         here &= ~np.isin(self.vertex, list(open_vertices))
@@ -95,18 +98,17 @@ class VertexRows:
         return here
 
     def _own(self, relaxed: Collection[int]) -> NDArray[np.bool_]:
-        """Ends at relaxed vertices where leaving out one row gives no freedom: ratios of their own do."""
+        """Ends at relaxed vertices where one row is not left out: they have ratios of their own, or no second row."""
         found: NDArray[np.bool_] = np.isin(self.vertex, list(set(relaxed) - set(self.vertex[self._first].tolist())))
         return found
 
     def tangents_only(self, second: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Interfaces of few spans where C1 rows, which make no span C1 there, would raise the kink.
+        """Interfaces of few spans with no second row at either end, where C1 rows would raise the kink.
 
-        No end has a second row, or one of an even valence above four has none.
+        They would make no span C1.
         """
-        free = self._few & ~second
-        counts = np.bincount(self.interface[free], 1.0 + self._even[free], self._n_interfaces)
-        bare: NDArray[np.bool_] = counts >= 2
+        free = self.interface[self._few & ~second]
+        bare: NDArray[np.bool_] = np.bincount(free, minlength=self._n_interfaces) == 2
         return bare
 
     def of(
@@ -137,7 +139,33 @@ class VertexRows:
         data = np.stack([tangent, fading], axis=1)
         there = ~rowless[self.interface]
         end, order = np.nonzero(np.column_stack([there, there & second]))
-        return EndRows(self.points[end], data[end, order], self.interface[end], self.vertex[end], order)
+        row, columns, entries = np.arange(len(end)).repeat(6), self.points[end].ravel(), data[end, order].ravel()
+        gone = np.zeros(len(end), bool)
+        for ends in self._shared:
+            rows = np.flatnonzero(np.isin(end, ends) & (order == 1))
+            if len(rows) < len(ends):
+                continue
+            mixed = self._mixed(end[rows], fading)
+            others = ~np.isin(row, rows)
+            row = np.concatenate([row[others], rows[:-1].repeat(6 * len(rows))])
+            columns = np.concatenate([columns[others], np.tile(self.points[end[rows]].ravel(), len(mixed))])
+            entries = np.concatenate([entries[others], (mixed[:, :, None] * fading[end[rows]]).ravel()])
+            gone[rows[-1]] = True
+        number = np.cumsum(~gone) - 1
+        end, order = end[~gone], order[~gone]
+        return EndRows(number[row], columns, entries, self.interface[end], self.vertex[end], order)
+
+    def _mixed(self, ends: IntArray, fading: FloatArray) -> FloatArray:
+        """Combinations (m - 1, m) of the second rows around a vertex that leave out what their twists do least for.
+
+        What is left out asks most of the tangents, and turns them. The combinations are orthonormal, so that it is
+        shared by all spokes, not a single one's.
+        """
+        twists, at = np.unique(self.points[ends][:, [1, 3]], return_inverse=True)
+        matrix = np.zeros((len(ends), len(twists)))
+        np.add.at(matrix, (np.arange(len(ends)).repeat(2), at.ravel()), fading[ends][:, [1, 3]].ravel())
+        u, _, _ = svd(matrix)
+        return np.ascontiguousarray(u[:, :-1].T)
 
     def _frames(self, points: FloatArray) -> FloatArray:
         """Gluing data (a, b, c) of a map at the ends."""

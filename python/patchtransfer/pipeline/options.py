@@ -91,8 +91,10 @@ class Options:
         given = [f.name for f in fields(self) if getattr(self, f.name) != f.default]
         return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!r}' for name in given)})"
 
-    def decided(self) -> Self:
-        """The options with their default for joints: the paper's stay where they are put."""
+    def decided(self, continuity: str) -> Self:
+        """The options for a plan of this continuity, with their default for joints: the paper's stay where they are."""
+        if self.c1_share is not None and continuity != "c1":
+            raise InputError(f'c1_share is for continuity="c1", this plan has "{continuity}"; leave it out')
         if self.fixed_correspondence is not None:
             return self
         return replace(self, fixed_correspondence=self.method == "paper")

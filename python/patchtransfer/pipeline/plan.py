@@ -7,6 +7,7 @@ takes and returns plain values.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Unpack
@@ -28,13 +29,13 @@ from ..registration.register import Registration
 from .accepted import accepted
 from .inside import attempt
 from .mirrored import MIRROR_IMAGE, POOR, Reflection, mirrored_rows, of_own_sides, reflected, told
-from .options import CHOICES, Run, TransferOptions, options_of
+from .options import Run, TransferOptions, options_of
 from .posed import Registered
 from .refilled import Refilled, filled, frozen
-from .refined import finer
+from .refined import finer, refined_note
 from .result import TransferResult, failure_of, split_advice
 from .sliding import movable_joints
-from .smoother import blocked_note, low_share_note, rough_middles, share_of, smoother_note
+from .smoother import Finer, smoothed
 from .source_boundary import SourceBoundary
 from .split_or_whole import better, split_note, vain_note
 from .splitting import Division, SourceSplit, onto_split, strip_cuts, with_near_joints_moved
@@ -47,8 +48,6 @@ __all__ = ["Refilled", "TransferPlan"]
 
 #: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
 REFINEMENTS = 6
-#: Rounds of knot insertion at most for a share of C1; each halves spans that are not.
-SMOOTHINGS = 8
 #: Part of the work for a source as it is, and for the refined one, where both may be tried.
 HALF = 0.5
 
@@ -86,15 +85,10 @@ class TransferPlan:
         reference: Sequence[Patch] | None = None,
         ratios: str = "target",
     ) -> None:
-        if ratios not in CHOICES["ratios"]:
-            raise InputError(f"ratios must be one of {', '.join(CHOICES['ratios'])}, got {ratios!r}")
-        if (continuity, ratios) == ("g1", "source"):
-            raise InputError('ratios="source" is for continuity="c1": gluing data of the source fit no exact G1 map')
-        self._welded, self._notes = accepted(source, continuity)
+        self._welded, self._notes = accepted(source, continuity, ratios)
         # Put straight where rounding had bent it, which a note says; else as given.
         self.source = source = self._welded if self._notes else source
-        self.continuity, self.ratios = continuity, ratios
-        self.reference = reference
+        self.continuity, self.ratios, self.reference = continuity, ratios, reference
         topology = source.topology
         self._boundary = SourceBoundary(self._welded.boundary().loops, topology)
         self._interior = InteriorSolver(source, continuity, reference, ratios)
@@ -145,15 +139,15 @@ class TransferPlan:
 
     @cached_property
     def _of_other_ratios(self) -> TransferPlan:
-        other = "target" if self.ratios == "source" else "source"
-        plan = TransferPlan(self.source, self.continuity, reference=self.reference, ratios=other)
-        plan._notes, plan.split, plan._unsplit = self._notes, self.split, self._unsplit
+        plan = copy(self)
+        plan.__dict__.pop("_mirrored", None)
+        plan._unsplit = self._unsplit and self._unsplit._replace(plan=self._unsplit.plan._of_other_ratios)
+        plan.ratios = "target" if self.ratios == "source" else "source"
+        plan._interior = InteriorSolver(self.source, self.continuity, self.reference, plan.ratios)
         return plan
 
     def _run(self, options: TransferOptions, progress: Progress | None = None) -> Run:
-        chosen = options_of(options).decided()
-        if chosen.c1_share is not None and self.continuity != "c1":
-            raise InputError(f'c1_share is for continuity="c1", this plan has "{self.continuity}"; leave it out')
+        chosen = options_of(options).decided(self.continuity)
         return Run(chosen, Clock(progress), Budget.of_source(self._interior.step_cost, chosen.time_limit), progress)
 
     def _faced(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> tuple[TransferPlan, Registered]:
@@ -238,8 +232,9 @@ class TransferPlan:
                 note = "a uniform refinement of the source was tried: no certified map was found"
             notes.append(note)
         if self.continuity == "c1" and chosen.method == "certified" and result.certificate.injective:
-            result, smoothed = plan._smoothed(result, registered, run)
-            notes += smoothed
+            now = Finer(plan._boundary, plan._interior, registered, plan._with_knots)
+            result, smoother = smoothed(result, now, run)
+            notes += smoother
         points = (result.multipatch.topology.n_points, self.source.topology.n_points)
         return replace(
             result.with_warnings(notes),
@@ -486,45 +481,12 @@ class TransferPlan:
             fitted = plan._boundary.fit(registered.registration, run)
         if plan is self:
             return plan, registered, fitted, []
-        before, after = self.source.topology.n_points, plan.source.topology.n_points
-        note = (
-            f"the source was refined: knots in {count} boundary spans and the strips of patches behind them, "
-            f"{before} -> {after} control points"
-        )
+        note = refined_note(f"knots in {count} boundary spans", self.source, plan.source)
         return plan, registered, fitted, [note]
 
-    def _smoothed(self, result: TransferResult, registered: Registered, run: Run) -> tuple[TransferResult, list[str]]:
-        """Insert knots where interfaces are not C1, until as much of them is as was asked for; the boundary stays."""
-        wanted = run.options.c1_share
-        if wanted is None:
-            note = low_share_note(result.multipatch)
-            return result, [] if note is None else [note]
-        plan, best, count, why = self, result, 0, f"{SMOOTHINGS} rounds of knots did not suffice"
-        for _ in range(SMOOTHINGS):
-            if share_of(best.multipatch) >= wanted:
-                break
-            with run.clock("refinement") as stage:
-                knots = rough_middles(best.multipatch, wanted)
-                if not knots or run.budget.expired():
-                    why = "patches of degree 1 have no rows" if not knots else "the search was ended"
-                    break
-                plan, registered = plan._refined(knots, registered._replace(registration=best.registration))
-                target, _ = finer(best.multipatch, None, knots, 1)
-                stage.found = f"{len(knots)} spans of interfaces halved, {plan.source.topology.n_points} control points"
-            fitted = best.fitted.with_curves(plan._boundary.curves(target.topology.coordinates))
-            found = attempt(registered, fitted, [], plan._boundary, plan._interior, run)
-            found = replace(found, sliding=best.sliding)
-            if not found.certificate.injective:
-                why = "with more knots no certified map of the target was found"
-                break
-            best, count = found, count + len(knots)
-        notes = []
-        if count:
-            note = smoother_note(count, self.source, best.multipatch, share_of(best.multipatch))
-            notes.append(note)
-        if share_of(best.multipatch) < wanted:
-            notes.append(blocked_note(wanted, best.multipatch, why))
-        return best, notes
+    def _with_knots(self, knots: Sequence[Knot], registered: Registered) -> Finer:
+        plan, registered = self._refined(knots, registered)
+        return Finer(plan._boundary, plan._interior, registered, plan._with_knots)
 
     def _refined(self, knots: Sequence[Knot], registered: Registered) -> tuple[TransferPlan, Registered]:
         """A plan for the source with more knots, and the same correspondence with its boundary curves."""

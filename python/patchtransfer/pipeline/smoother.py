@@ -2,20 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..fitting.refinement import Knot
 from ..geometry.multipatch import MultiPatch
+from ..interior.solver import InteriorSolver
 from ..measure.smooth_spans import InterfaceSpans, c1_share, obstacles, smooth_spans
+from .inside import attempt
+from .options import Run
+from .posed import Registered
+from .refined import finer, refined_note
+from .result import TransferResult
+from .source_boundary import SourceBoundary
 
-__all__ = ["LOW_SHARE", "blocked_note", "low_share_note", "rough_middles", "share_of", "smoother_note"]
+__all__ = ["Finer", "rough_middles", "share_of", "smoothed"]
 
 #: Below this share of C1 a transfer says so.
 LOW_SHARE = 0.5
 #: Obstacles that a message names.
 NAMED = 3
+#: Rounds of knot insertion at most; each halves spans that are not C1.
+ROUNDS = 8
+
+
+class Finer(NamedTuple):
+    """What a transfer goes on with when its source has more knots, and how it gets still more of them."""
+
+    boundary: SourceBoundary
+    interior: InteriorSolver
+    registered: Registered
+    refine: Callable[[Sequence[Knot], Registered], Finer]
 
 
 def share_of(mp: MultiPatch) -> float:
@@ -47,34 +67,56 @@ def rough_middles(mp: MultiPatch, wanted: float) -> list[Knot]:
     return knots
 
 
-def smoother_note(knots: int, before: MultiPatch, after: MultiPatch, share: float) -> str:
-    """That knots were inserted for smoothness."""
-    return (
-        f"the source was refined for C1 across patches: knots in {knots} spans of interfaces and the strips of patches "
-        f"behind them, {before.topology.n_points} -> {after.topology.n_points} control points; C1 on {share:.2f} of "
-        "the interfaces' length"
-    )
+def smoothed(result: TransferResult, now: Finer, run: Run) -> tuple[TransferResult, list[str]]:
+    """Insert knots where interfaces are not C1, until as much of them is as was asked for, and say so.
+
+    The boundary stays: nothing is fitted or slid anew. Without such a wish it is only said where little is C1.
+    """
+    wanted = run.options.c1_share
+    if wanted is None:
+        return result, _low_share_note(result.multipatch)
+    best, count, why = result, 0, f"{ROUNDS} rounds of knots did not suffice"
+    for _ in range(ROUNDS):
+        if share_of(best.multipatch) >= wanted:
+            break
+        with run.clock("refinement") as stage:
+            knots = rough_middles(best.multipatch, wanted)
+            if not knots or run.budget.expired():
+                why = "patches of degree 1 have no rows" if not knots else "the search was ended"
+                break
+            now = now.refine(knots, now.registered._replace(registration=best.registration))
+            target, _ = finer(best.multipatch, None, knots, 1)
+            stage.found = f"{len(knots)} spans of interfaces halved, {target.topology.n_points} control points"
+        fitted = best.fitted.with_curves(now.boundary.curves(target.topology.coordinates))
+        found = attempt(now.registered, fitted, [], now.boundary, now.interior, run)
+        if not found.certificate.injective:
+            why = "with more knots no certified map was found"
+            break
+        best, count = replace(found, sliding=best.sliding), count + len(knots)
+    share, notes = share_of(best.multipatch), []
+    if count:
+        note = refined_note(
+            f"for C1 across patches, knots in {count} spans of interfaces", result.multipatch, best.multipatch
+        )
+        notes.append(f"{note}; C1 on {share:.2f} of the interfaces' length")
+    if share < wanted:
+        notes.append(
+            f"c1_share={wanted:g} is not reached: C1 on {share:.2f} of the interfaces' length; not at "
+            f"{_places(smooth_spans(best.multipatch))}; {why}"
+        )
+    return best, notes
 
 
-def blocked_note(wanted: float, mp: MultiPatch, why: str) -> str:
-    """That the share was not reached, and what stops it."""
-    spans = smooth_spans(mp)
-    return (
-        f"c1_share={wanted:g} is not reached: C1 on {c1_share(spans):.2f} of the interfaces' length; not at "
-        f"{_places(spans)}; {why}"
-    )
-
-
-def low_share_note(mp: MultiPatch) -> str | None:
-    """That little is C1, and the option that helps; None where half of it and more is."""
+def _low_share_note(mp: MultiPatch) -> list[str]:
+    """That little is C1, and the option that helps."""
     spans = smooth_spans(mp)
     share = c1_share(spans)
     if share >= LOW_SHARE:
-        return None
-    return (
+        return []
+    return [
         f"C1 across patches holds on {share:.2f} of the interfaces' length only, not at {_places(spans)}: "
         "c1_share=0.9 (--c1-share 0.9) inserts knots until it holds on 0.9"
-    )
+    ]
 
 
 def _places(spans: Sequence[InterfaceSpans]) -> str:
