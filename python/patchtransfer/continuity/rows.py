@@ -113,12 +113,21 @@ class C1Rows:
         self._scales = np.array([[r.left_scale, r.right_scale] for r in control]).reshape(-1, 2)
         self._linear = np.array([r.lowest_degree < 2 for r in control], bool)
         self._vertex_rows = VertexRows(control, ends, self._linear)
+        self._last: tuple[FloatArray, FloatArray] | None = None
         self._joint_ratios = JointRatios(topology, control if legs else ())
 
     @property
     def second_rows(self) -> frozenset[int]:
         """Shared control points of the extraordinary vertices that get second rows."""
         return self._vertex_rows.vertices
+
+    def _ratios(self, reference: FloatArray) -> FloatArray:
+        """ω_L / ω_R of all interfaces; kept for the map asked for last, whose rows may be made anew."""
+        last = self._last
+        if last is None or last[0] is not reference:
+            ratios = self._joint_ratios(chord_ratios(self._topology, self._control, reference), reference)
+            last = self._last = reference, ratios
+        return last[1]
 
     def __call__(
         self,
@@ -154,7 +163,7 @@ class C1Rows:
         for spoke in released:
             skipped[spoke.interface, int(spoke.at_end)] *= 2  # None at regular inner vertices.
         skipped = np.minimum(skipped, 2)
-        ratios = self._joint_ratios(chord_ratios(self._topology, self._control, reference), reference)
+        ratios = self._ratios(reference)
         second = self._vertex_rows.second(ratios, relaxed, open_vertices)
         bare = rowless | self._vertex_rows.tangents_only(second)
         keep = (self._from_ends >= skipped[self._interface]).all(axis=1) & ~bare[self._interface]

@@ -22,12 +22,12 @@ from .interface_samples import (
     norms,
 )
 
-__all__ = ["InterfaceSpans", "c1_share", "obstacles", "smooth_spans"]
+__all__ = ["InterfaceSpans", "c1_share", "obstacles", "share_of", "smooth_spans"]
 
 #: Cross derivatives are opposite, and their ratio is constant, to this; to rounding of coordinates far from the origin.
 SMOOTH, ROUNDINGS = 1e-8, 64.0
-#: Parameters per span: C1 in so many of them is C1 on the span up to this degree, and lengths are good to 1e-3.
-SAMPLES = 12
+#: Parameters per span: C1 in so many of them is C1 on the span of degree 8 and less, and lengths are good to 1e-3.
+SAMPLES = 9
 #: From so many spans on only those at extraordinary vertices need not be C1.
 MANY_SPANS = 4
 
@@ -111,8 +111,14 @@ def obstacles(interfaces: Iterable[InterfaceSpans]) -> dict[str, float]:
     return dict(sorted(parts.items(), key=lambda item: -item[1]))
 
 
-# Absurd models have infinite slopes.
-@np.errstate(over="ignore", divide="ignore", invalid="ignore")
+def share_of(mp: MultiPatch) -> float:
+    """The same as ``c1_share(smooth_spans(mp))``, in a third of the time."""
+    total = good = 0.0
+    for _, lengths, smooth, _ in _by_group(mp):
+        total, good = total + float(lengths.sum()), good + float(lengths[smooth].sum())
+    return good / total if total > 0 else 1.0
+
+
 def smooth_spans(mp: MultiPatch) -> tuple[InterfaceSpans, ...]:
     """The knot spans of every interface, and which of them are C1.
 
@@ -127,11 +133,8 @@ def smooth_spans(mp: MultiPatch) -> tuple[InterfaceSpans, ...]:
         In the order of the interfaces.
     """
     at = {corner: vertex for vertex in mp.vertices for corner in vertex.corners}
-    control = coordinates(mp)
-    rounding = float(np.spacing(np.abs(control).max())) if len(control) else 0.0
     found: dict[int, InterfaceSpans] = {}
-    for group in interface_layout(mp.topology).groups if mp.interfaces else ():
-        lengths, smooth, straight = _measured(group, control, rounding)
+    for group, lengths, smooth, straight in _by_group(mp):
         for k, index in enumerate(group.members.tolist()):
             f = mp.interfaces[index]
             patch = mp.patches[f.patch_a]
@@ -154,6 +157,18 @@ def _corners(side: Side) -> tuple[int, int]:
     return (2 * fixed, 2 * fixed + 1) if side.axis == 0 else (fixed, fixed + 2)
 
 
+def _by_group(mp: MultiPatch) -> Iterator[tuple[InterfaceGroup, FloatArray, NDArray[np.bool_], NDArray[np.bool_]]]:
+    """Interfaces of equal degree and knots, with what `_measured` finds of them."""
+    if not mp.interfaces:
+        return
+    control = coordinates(mp)
+    rounding = float(np.spacing(np.abs(control).max()))
+    for group in interface_layout(mp.topology).groups:
+        yield group, *_measured(group, control, rounding)
+
+
+# Absurd models have infinite slopes.
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")
 def _measured(
     group: InterfaceGroup, control: FloatArray, rounding: float
 ) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:

@@ -11,7 +11,7 @@ import numpy as np
 from ..fitting.refinement import Knot
 from ..geometry.multipatch import MultiPatch
 from ..interior.solver import InteriorSolver
-from ..measure.smooth_spans import InterfaceSpans, c1_share, obstacles, smooth_spans
+from ..measure.smooth_spans import InterfaceSpans, c1_share, obstacles, share_of, smooth_spans
 from .inside import attempt
 from .options import Run
 from .posed import Registered
@@ -19,7 +19,7 @@ from .refined import finer, refined_note
 from .result import TransferResult
 from .source_boundary import SourceBoundary
 
-__all__ = ["Finer", "rough_middles", "share_of", "smoothed"]
+__all__ = ["Finer", "rough_middles", "smoothed"]
 
 #: Below this share of C1 a transfer says so.
 LOW_SHARE = 0.5
@@ -36,11 +36,6 @@ class Finer(NamedTuple):
     interior: InteriorSolver
     registered: Registered
     refine: Callable[[Sequence[Knot], Registered], Finer]
-
-
-def share_of(mp: MultiPatch) -> float:
-    """The part of the interfaces' length that is C1."""
-    return c1_share(smooth_spans(mp))
 
 
 def rough_middles(mp: MultiPatch, wanted: float) -> list[Knot]:
@@ -109,10 +104,10 @@ def smoothed(result: TransferResult, now: Finer, run: Run) -> tuple[TransferResu
 
 def _low_share_note(mp: MultiPatch) -> list[str]:
     """That little is C1, and the option that helps."""
-    spans = smooth_spans(mp)
-    share = c1_share(spans)
+    share = share_of(mp)
     if share >= LOW_SHARE:
         return []
+    spans = smooth_spans(mp)
     return [
         f"C1 across patches holds on {share:.2f} of the interfaces' length only, not at {_places(spans)}: "
         "c1_share=0.9 (--c1-share 0.9) inserts knots until it holds on 0.9"
