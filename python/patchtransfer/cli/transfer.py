@@ -83,7 +83,8 @@ def _draw_transfer(source: MultiPatch, target: Boundary, result: TransferResult,
 
     metrics = result.quality.scaled_jacobian
     caption = (
-        f"{result.certificate.status}; scaled Jacobian {metrics.min:.3f} to {metrics.max:.3f}, mean {metrics.mean:.3f}"
+        f"{result.certificate.status}; scaled Jacobian {metrics.min:.3f} to {metrics.max:.3f}, "
+        f"mean {metrics.mean:.3f}; C1 on {result.continuity.c1_share:.2f} of the interfaces' length"
     )
     plot.savefig(plot.transfer(source, target, result.multipatch, caption=caption), path)
 
