@@ -29,6 +29,8 @@ from .io import read as read
 from .io import read_boundary as read_boundary
 from .io import read_landmarks as read_landmarks
 from .io import write as write
+from .measure.bounds import Bounds as Bounds
+from .measure.bounds import ProvedQuality as ProvedQuality
 from .measure.continuity import ContinuityReport as ContinuityReport
 from .measure.continuity import check_continuity as check_continuity
 from .measure.quality import Quality as Quality

@@ -19,6 +19,7 @@ from .inspect import check, plot, refine
 from .morph import morph
 from .parameterize import parameterize
 from .poisson import poisson
+from .quality import quality
 from .support import Commands
 from .transfer import transfer
 
@@ -31,5 +32,19 @@ def main() -> None:
     """Transfer multi-patch B-spline parameterizations to new boundaries, with a proof of injectivity."""
 
 
-for command in (parameterize, transfer, build, refine, convert, check, plot, examples, batch, morph, poisson):
+COMMANDS = (
+    parameterize,
+    transfer,
+    build,
+    refine,
+    convert,
+    check,
+    quality,
+    plot,
+    examples,
+    batch,
+    morph,
+    poisson,
+)
+for command in COMMANDS:
     main.add_command(command)

@@ -139,7 +139,7 @@ def transferred(name: str) -> Case:
         )
         seconds[method] = time.perf_counter() - begin
     without = TransferPlan(source, "c0").transfer(target, landmarks, refine="never", on_failure="return")
-    return Case(name, source, target, quality(source), results, without, seconds)
+    return Case(name, source, target, quality(source, proved=True), results, without, seconds)
 
 
 def articulation(name: str) -> list[Step]:
@@ -202,6 +202,11 @@ def _row(case: Case, model: str, after: bool, method: str, numbers: Printed | Qu
     }
     for short, values in (("sj", numbers.scaled_jacobian), ("kappa", numbers.condition_number)):
         row |= {f"{short}_{name}": finite_or_none(getattr(values, name)) for name in ("min", "mean", "max")}
+    if isinstance(numbers, Quality) and numbers.proved is not None:
+        row["sj_min_proved"] = numbers.proved.min_scaled_jacobian.lower
+        row["kappa_max_proved"] = finite_or_none(numbers.proved.max_condition_number.upper)
+    else:
+        row |= dict.fromkeys(("sj_min_proved", "kappa_max_proved"))
     return row | dict.fromkeys(("kappa_mean_to_scale", "remark", "status", "boundary_error", "seconds")) | more
 
 
