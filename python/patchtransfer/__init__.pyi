@@ -35,6 +35,9 @@ from .measure.continuity import ContinuityReport as ContinuityReport
 from .measure.continuity import check_continuity as check_continuity
 from .measure.quality import Quality as Quality
 from .measure.quality import quality as quality
+from .measure.similarity import LowerBounds as LowerBounds
+from .measure.similarity import Similarity as Similarity
+from .measure.similarity import similarity as similarity
 from .motion.deform import Deformer as Deformer
 from .motion.deform import DeformResult as DeformResult
 from .motion.deform import deform as deform

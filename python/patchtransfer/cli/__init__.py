@@ -13,6 +13,7 @@ import click
 from .._core import __version__
 from .batch import batch
 from .build import build
+from .compare import compare
 from .convert import convert
 from .examples import examples
 from .inspect import check, plot, refine
@@ -40,6 +41,7 @@ COMMANDS = (
     convert,
     check,
     quality,
+    compare,
     plot,
     examples,
     batch,

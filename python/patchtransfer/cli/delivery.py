@@ -81,6 +81,10 @@ def summary(content: dict[str, Any], output: str | None) -> None:
     lines += quality_lines(metrics)
     if "corner_bound" in content:
         add("  corners allow at most", _number(content["corner_bound"]))
+    if content.get("similarity") is not None:
+        from ..measure.similarity import Similarity
+
+        add("similarity to the source", str(Similarity.from_dict(content["similarity"])))
     kink = content["continuity"]["kink_deg"]
     add("kink across patches", f"mean {_number(kink['mean'])}°   max {_number(kink['max'])}°")
     smooth = content["continuity"]

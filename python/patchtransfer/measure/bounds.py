@@ -41,9 +41,10 @@ class Bounds:
         return {"lower": finite_or_none(self.lower), "upper": finite_or_none(self.upper), "at": at}
 
     @staticmethod
-    def from_dict(data: dict[str, Any]) -> Bounds:
-        """Of `to_dict`; what is None there is infinite."""
-        lower, upper = (math.inf if data[name] is None else data[name] for name in ("lower", "upper"))
+    def from_dict(data: dict[str, Any], least: float = math.inf) -> Bounds:
+        """Of `to_dict`; what is None there is infinite, the lower bound `least`."""
+        lower = least if data["lower"] is None else data["lower"]
+        upper = math.inf if data["upper"] is None else data["upper"]
         return Bounds(lower, upper, None if data["at"] is None else tuple(data["at"].values()))
 
 

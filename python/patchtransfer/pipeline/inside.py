@@ -158,6 +158,7 @@ def measure(
         paper_history=found.history,
         sliding=sliding,
         stopped=stopped,
+        _source=interior.source,
         _freeze=partial(freeze, interior, space, posed.degenerate, found.points),
     )
 

@@ -17,7 +17,8 @@ drawings of our own, four of them of the same subjects: rows compare in kind, no
 
 Scaled Jacobian (SJ) and condition number κ over 10 × 10 samples a knot span, ends included; what is called proved are
 bounds that hold between samples, too. `paper` and `certified` are the two methods, both with C1 rows. Time: one
-transfer on a prepared plan. Boundary error: Hausdorff distance to the target over its diameter. Rows in italics are the paper's, as printed.
+transfer on a prepared plan. Boundary error: Hausdorff distance to the target over its diameter. Rows in italics are the
+paper's, as printed.
 
 At every point κ = (r + 1/r) / SJ with r = |B_u| / |B_v|: long patches alone make κ large. A perfect rectangle of 4 : 1
 has κ = 4.25 on the unit square. The column "to scale" is the mean κ of the very same map when every strip of patches

@@ -1,6 +1,8 @@
 //! Bindings of `patchtransfer_core::proof`: injectivity of patches, simple loops.
 
 use crate::threads;
+use numpy::{IntoPyArray, PyArray1};
+use patchtransfer_core::proof::dilatation;
 use patchtransfer_core::proof::injectivity::{self, CellKind, Limits};
 use patchtransfer_core::proof::proved_quality::{self, Bounds};
 use patchtransfer_core::proof::simple_loops::{self, MeetingKind, Place};
@@ -89,6 +91,36 @@ fn prove_quality(
     Ok((bounds_tuple(found.scaled_jacobian), bounds_tuple(found.condition_number), found.cells))
 }
 
+/// `(log_dilatation, (smallest, largest size), cells, samples)`.
+type ComparisonTuple<'py> = (BoundsTuple, (BoundsTuple, BoundsTuple), usize, Bound<'py, PyArray1<f64>>);
+
+/// Compare two models of the same degrees and knots; `signs` are the orientations of their patches.
+#[pyfunction]
+fn compare_models<'py>(
+    py: Python<'py>,
+    first: Vec<PatchTuple<'_>>,
+    second: Vec<PatchTuple<'_>>,
+    signs: (Vec<f64>, Vec<f64>),
+    width: f64,
+) -> PyResult<ComparisonTuple<'py>> {
+    let (first, second) = (oriented(&first, &signs.0)?, oriented(&second, &signs.1)?);
+    one_a_patch("patches of the other model", second.len(), first.len())?;
+    for (k, (s, t)) in first.iter().zip(&second).enumerate() {
+        if s.degrees != t.degrees || s.knots != t.knots {
+            return Err(PyValueError::new_err(format!("patch {k}: degrees and knots must agree")));
+        }
+        let most = dilatation::MAX_DEGREES[usize::from(s.weights.is_some() || t.weights.is_some())];
+        if s.degrees.iter().any(|d| *d == 0 || *d > most) {
+            return Err(PyValueError::new_err(format!("patch {k}: degrees must be 1 to {most}")));
+        }
+    }
+    let signs = [signs.0.as_slice(), signs.1.as_slice()];
+    let found = threads::run(py, || dilatation::compare(&first, &second, signs, width))?;
+    let [smallest, largest] = found.size.map(bounds_tuple);
+    let samples = found.samples.into_pyarray(py);
+    Ok((bounds_tuple(found.log_dilatation), (smallest, largest), found.cells, samples))
+}
+
 /// Prove that closed loops of curves are simple and disjoint.
 #[pyfunction]
 fn certify_loops(py: Python<'_>, loops: Vec<Vec<CurveTuple<'_>>>) -> PyResult<LoopsTuple> {
@@ -119,5 +151,8 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(certify_patches, m)?)?;
     m.add("MAX_QUALITY_DEGREES", proved_quality::MAX_DEGREES)?;
     m.add_function(wrap_pyfunction!(prove_quality, m)?)?;
+    m.add("MAX_COMPARED_DEGREES", dilatation::MAX_DEGREES)?;
+    m.add("COMPARED_NODES", dilatation::NODES)?;
+    m.add_function(wrap_pyfunction!(compare_models, m)?)?;
     m.add_function(wrap_pyfunction!(certify_loops, m)?)
 }

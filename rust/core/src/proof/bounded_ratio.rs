@@ -299,25 +299,47 @@ impl Scan {
     }
 }
 
+/// What is known of the quotients of one patch while its pieces are gone through.
+pub(crate) struct Search<const K: usize> {
+    scans: [Scan; K],
+    measures: [Measure; K],
+    width: f64,
+}
+
+impl<const K: usize> Search<K> {
+    /// Whether a piece whose quotient of a kind is at least `low` may hold a smaller one than those seen.
+    pub fn may_improve(&self, kind: usize, low: f64) -> bool {
+        let best = self.scans[kind].best.high;
+        // NaN may.
+        best == f64::INFINITY || !matches!(low.partial_cmp(&best), Some(Ordering::Greater | Ordering::Equal))
+    }
+
+    /// Take a piece, or a part of one, into account.
+    pub fn look_at(&mut self, kind: usize, cell: Quotient) {
+        self.scans[kind].look_at(cell, self.measures[kind], self.width);
+    }
+}
+
 /// Enclose the smallest quotients of `K` kinds over all pieces of all patches.
 ///
-/// `pieces(k, found)` hands the cells of patch `k` to `found`, one after the other, with the kind. The result does not
-/// depend on the number of threads. `width` is relative; the number of cells is that beyond the pieces.
-pub(crate) fn bounded_minima<const K: usize>(
+/// `pieces(k, search)` hands the cells of patch `k` to `search`, one after the other; what it returns is
+/// returned patch by patch. The result does not depend on the number of threads. `width` is relative; the number of cells
+/// is that beyond the pieces.
+pub(crate) fn bounded_minima<const K: usize, R: Send>(
     patches: usize,
     measures: [Measure; K],
     width: f64,
-    pieces: impl Fn(usize, &mut dyn FnMut(usize, Quotient)) + Sync,
-) -> ([Enclosure; K], usize) {
-    let scans: Vec<[Scan; K]> = (0..patches)
+    pieces: impl Fn(usize, &mut Search<K>) -> R + Sync,
+) -> ([Enclosure; K], usize, Vec<R>) {
+    let (scans, returned): (Vec<[Scan; K]>, Vec<R>) = (0..patches)
         .into_par_iter()
         .map(|k| {
-            let mut scans = [const { Scan::new() }; K];
-            pieces(k, &mut |kind, cell| scans[kind].look_at(cell, measures[kind], width));
+            let mut search = Search { scans: [const { Scan::new() }; K], measures, width };
+            let returned = pieces(k, &mut search);
             let mut kinds = measures.into_iter();
-            scans.map(|scan| scan.sift(kinds.next().expect("a measure a kind"), width))
+            (search.scans.map(|scan| scan.sift(kinds.next().expect("a measure a kind"), width)), returned)
         })
-        .collect();
+        .unzip();
     let mut joined = [const { Scan::new() }; K];
     for scans in scans {
         for (all, scan) in joined.iter_mut().zip(scans) {
@@ -331,5 +353,5 @@ pub(crate) fn bounded_minima<const K: usize>(
         cells += more;
         enclosure
     });
-    (found, cells)
+    (found, cells, returned)
 }

@@ -2,6 +2,7 @@
 
 pub mod bounded_ratio;
 mod determinant_cell;
+pub mod dilatation;
 mod hull;
 pub mod injectivity;
 mod loop_arcs;

@@ -28,6 +28,8 @@ pub(crate) struct PatchDeterminant<'a> {
     /// Knots in `units`, powers of two.
     pub knots: [Vec<f64>; 2],
     pub units: [f64; 2],
+    /// The power of two that `points` are divided by.
+    pub size_unit: f64,
     pub values: [Extraction; 2],
     derived: [Extraction; 2],
     /// Largest coordinate.
@@ -60,6 +62,7 @@ impl<'a> PatchDeterminant<'a> {
             points,
             weights,
             units: [unit_u, unit_v],
+            size_unit: unit,
             values: std::array::from_fn(|d| Extraction::new(&knots[d], degrees[d])),
             derived: std::array::from_fn(|d| {
                 Extraction::new(&knots[d][1..knots[d].len() - 1], degrees[d] - 1)

@@ -5,11 +5,11 @@
 //! Geuzaine bound its like: *Geometrical validity of curvilinear finite elements*, J. Comput. Phys. 2013). Tangents of a
 //! rational patch are taken times W², which cancels.
 
-use crate::proof::bounded_ratio::{Corner, Enclosure, Quotient, bounded_minima};
+use crate::proof::bounded_ratio::{Corner, Enclosure, Quotient, Search, bounded_minima};
 use crate::proof::determinant_cell::DeterminantCell;
 use crate::proof::patch_determinant::{PatchDeterminant, Tangents};
 use crate::spline::SplinePatch;
-use crate::spline::bernstein::{self, BoundedBernstein, U};
+use crate::spline::bernstein::{self, BoundedBernstein, TINY, U, larger};
 
 /// Degrees up to this are enclosed, of polynomial and of rational patches: E + G has 2p and 4p.
 pub const MAX_DEGREES: [usize; 2] = [bernstein::MAX_DEGREE / 2, bernstein::MAX_DEGREE / 4];
@@ -47,20 +47,24 @@ pub fn prove_quality(
     size: f64,
     width: f64,
 ) -> ProvedQuality {
-    let pieces = |k: usize, found: &mut dyn FnMut(usize, Quotient)| {
+    let pieces = |k: usize, search: &mut Search<2>| {
         let jacobian = PatchDeterminant::new(&patches[k]);
         let left_out = excluded[k].iter().fold(0, |bits, c| bits | 1u8 << (c % 2 * 2 + c / 2));
         for i in 0..jacobian.spans(0) {
             for j in 0..jacobian.spans(1) {
                 let (det, tangents) = jacobian.piece_and_tangents([i, j], signs[k]);
                 let here = left_out & det.patch_corners;
-                for (kind, cell) in quotients(det, &tangents, k, jacobian.units).into_iter().enumerate() {
-                    cell.without_corners(here, size).into_iter().for_each(|part| found(kind, part));
+                let piece = Piece::new(det, tangents, k, jacobian.units);
+                for kind in 0..2 {
+                    if search.may_improve(kind, piece.at_least(kind)) {
+                        let parts = piece.quotient(kind).without_corners(here, size);
+                        parts.into_iter().for_each(|part| search.look_at(kind, part));
+                    }
                 }
             }
         }
     };
-    let (found, cells) = bounded_minima(patches.len(), [sine_of, |t| t], width, pieces);
+    let (found, cells, _) = bounded_minima(patches.len(), [sine_of, |t| t], width, pieces);
     let [angle, condition] = found.map(|enclosure| in_own_knots(enclosure, patches));
     ProvedQuality {
         scaled_jacobian: Bounds {
@@ -77,30 +81,62 @@ pub fn prove_quality(
     }
 }
 
-/// d/|F| and d/(E + G) on a piece.
-fn quotients(cell: DeterminantCell, tangents: &Tangents, patch: usize, units: [f64; 2]) -> [Quotient; 2] {
-    let corners = zero_corners(&cell);
-    let bounds = cell.bounds;
-    let det = times_weight(cell);
-    let [[xu, yu], [xv, yv]] = tangents;
-    let product = BoundedBernstein::sum_of_products;
-    let shear = product(&[(1.0, xu, xv), (1.0, yu, yv)]);
-    // In the units of the parameters E and G are not comparable.
-    let ratio = units[1] / units[0];
-    let e = product(&[(1.0, xu, xu), (1.0, yu, yu)]).times_power(ratio);
-    let g = product(&[(1.0, xv, xv), (1.0, yv, yv)]).times_power(ratio.recip());
-    let one = BoundedBernstein::one;
-    let trace = product(&[(1.0, &one([2, 0]), &e), (1.0, &one([0, 2]), &g)]);
-    let elevated = product(&[(1.0, &one([1, 1]), &det)]);
-    [(det, shear), (elevated, trace)].map(|(above, below)| Quotient {
-        above,
-        below,
-        patch,
-        bounds,
-        corners,
-        floor: 0.0,
-        depth: 0,
-    })
+/// A Bézier piece whose quotients d/|F| (kind 0) and d/(E + G) (kind 1) are made when they are needed.
+struct Piece {
+    det: BoundedBernstein,
+    tangents: Tangents,
+    patch: usize,
+    bounds: [f64; 4],
+    corners: [Corner; 4],
+    /// Of the units of v and u: in those of the parameters E and G are not comparable.
+    ratio: f64,
+}
+
+impl Piece {
+    fn new(cell: DeterminantCell, tangents: Tangents, patch: usize, units: [f64; 2]) -> Self {
+        let (corners, bounds) = (zero_corners(&cell), cell.bounds);
+        Self { det: times_weight(cell), tangents, patch, bounds, corners, ratio: units[1] / units[0] }
+    }
+
+    /// A rough lower bound of a quotient, by the longest tangents; minus infinity where d may vanish.
+    fn at_least(&self, kind: usize) -> f64 {
+        let low = self.det.coefs.iter().copied().fold(f64::INFINITY, f64::min) - self.det.err;
+        if low.is_nan() || low <= 0.0 {
+            return f64::NEG_INFINITY;
+        }
+        let [u, v] = self.tangents.each_ref().map(longest);
+        if kind == 1 {
+            return ROUGH * low / (u * u * self.ratio + v * v / self.ratio);
+        }
+        let sine = ROUGH * low / (u * v);
+        // The quotient is the tangent of the angle whose sine this is at least.
+        if sine < 1.0 { sine / ((1.0 - sine) * (1.0 + sine)).sqrt() } else { f64::NEG_INFINITY }
+    }
+
+    fn quotient(&self, kind: usize) -> Quotient {
+        let [[xu, yu], [xv, yv]] = &self.tangents;
+        let product = BoundedBernstein::sum_of_products;
+        let one = BoundedBernstein::one;
+        let (above, below) = if kind == 0 {
+            (self.det.clone(), product(&[(1.0, xu, xv), (1.0, yu, yv)]))
+        } else {
+            let e = product(&[(1.0, xu, xu), (1.0, yu, yu)]).times_power(self.ratio);
+            let g = product(&[(1.0, xv, xv), (1.0, yv, yv)]).times_power(self.ratio.recip());
+            let trace = product(&[(1.0, &one([2, 0]), &e), (1.0, &one([0, 2]), &g)]);
+            (product(&[(1.0, &one([1, 1]), &self.det)]), trace)
+        };
+        let Self { patch, bounds, corners, .. } = *self;
+        Quotient { above, below, patch, bounds, corners, floor: 0.0, depth: 0 }
+    }
+}
+
+/// Covers the rounding of rough bounds, and is far from what they miss.
+pub(crate) const ROUGH: f64 = 1.0 - 1e-12;
+
+/// A bound of the length of a tangent, or of the modulus of a complex polynomial, by its coefficients.
+pub(crate) fn longest([x, y]: &[BoundedBernstein; 2]) -> f64 {
+    let squares = x.coefs.iter().zip(&y.coefs).map(|(x, y)| x * x + y * y);
+    squares.fold(0.0, larger).sqrt() + x.err + y.err + TINY
 }
 
 /// det J times the factor that two tangents bring along.

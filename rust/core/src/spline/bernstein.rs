@@ -215,12 +215,28 @@ impl BoundedBernstein {
 
     /// Value at `(s, t)` in the unit square, without a bound.
     pub fn value(&self, s: f64, t: f64) -> f64 {
-        let basis = |n: usize, x: f64| -> Vec<f64> {
-            (0..=n).map(|i| BINOMIALS[n][i] * x.powi(i as i32) * (1.0 - x).powi((n - i) as i32)).collect()
-        };
         let (bu, bv) = (basis(self.degrees[0], s), basis(self.degrees[1], t));
         self.coefs.chunks_exact(bv.len()).zip(&bu).map(|(row, b)| b * dot(row, &bv)).sum()
     }
+
+    /// Values on a grid, without bounds: `bu` and `bv` hold the basis at its nodes, a row a node.
+    pub fn grid(&self, bu: &[Vec<f64>], bv: &[Vec<f64>]) -> Vec<f64> {
+        let n = bv.len();
+        let rows = self.coefs.chunks_exact(self.degrees[1] + 1);
+        let along: Vec<f64> = rows.flat_map(|row| bv.iter().map(|b| dot(row, b))).collect();
+        let mut values = vec![0.0; bu.len() * n];
+        for (out, b) in values.chunks_exact_mut(n).zip(bu) {
+            for (row, b) in along.chunks_exact(n).zip(b) {
+                out.iter_mut().zip(row).for_each(|(o, x)| *o += b * x);
+            }
+        }
+        values
+    }
+}
+
+/// Bernstein polynomials of degree `n` at `x`.
+pub fn basis(n: usize, x: f64) -> Vec<f64> {
+    (0..=n).map(|i| BINOMIALS[n][i] * x.powi(i as i32) * (1.0 - x).powi((n - i) as i32)).collect()
 }
 
 /// Dot product of equally long slices.
