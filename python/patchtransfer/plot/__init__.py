@@ -1,10 +1,12 @@
 """Pictures: iso-parametric lines coloured by quality, boundaries and their correspondence, fields, animations."""
 
+from .dilatation import dilatation
 from .fields import solution
 from .figures import boundary, html, multipatch, png, registration, savefig, slope_difference, transfer
 
 __all__ = [
     "boundary",
+    "dilatation",
     "html",
     "multipatch",
     "png",
