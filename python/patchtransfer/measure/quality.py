@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -52,7 +52,7 @@ class Quality:
         Where the scaled Jacobian is smallest.
     proved : ProvedQuality or None
         Bounds of the smallest scaled Jacobian and the largest condition number anywhere, samples or not; None if they
-        were not asked for.
+        were not asked for. Equal samples make equal qualities, with or without them.
     """
 
     scaled_jacobian: Statistics
@@ -60,7 +60,7 @@ class Quality:
     nonpositive: int
     n_samples: int
     worst: tuple[int, float, float]
-    proved: ProvedQuality | None = None
+    proved: ProvedQuality | None = field(default=None, compare=False)
 
     def __repr__(self) -> str:
         jacobian, condition = self.scaled_jacobian, self.condition_number

@@ -21,7 +21,6 @@ from ..numeric.arrays import FloatArray, finite_or_none
 from .bounds import Bounds, check_width
 from .common_layout import common_layout
 from .corner_dilatation import corner_dilatations
-from .dirichlet import energy_dilatation
 
 __all__ = ["LowerBounds", "Similarity", "similarity"]
 
@@ -230,7 +229,12 @@ def similarity(
 
 def _least(s: MultiPatch, t: MultiPatch, energy: bool) -> LowerBounds:
     corners, smooth = corner_dilatations(s, t)
-    return LowerBounds(corners, energy_dilatation(s, t) if energy else None, smooth)
+    if not energy:
+        return LowerBounds(corners, None, smooth)
+    # Only this needs SciPy.
+    from .dirichlet import energy_dilatation
+
+    return LowerBounds(corners, energy_dilatation(s, t), smooth)
 
 
 def _statistics(samples: FloatArray) -> tuple[float, float, float]:

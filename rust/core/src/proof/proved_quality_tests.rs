@@ -22,7 +22,7 @@ fn wobbly(degree: usize, moves: &[[f64; 2]]) -> Vec<[f64; 2]> {
 
 #[test]
 fn a_parallelogram_has_the_sine_of_its_angle() {
-    for angle in [0.1_f64, 0.7, 1.5707963267948966, 2.0] {
+    for angle in [0.1_f64, 0.7, std::f64::consts::FRAC_PI_2, 2.0] {
         let (c, s) = (angle.cos(), angle.sin());
         let found = prove(&[patch(1, vec![[0.0, 0.0], [c, s], [2.0, 0.0], [2.0 + c, s]], None)], 1e-3);
         let (sine, kappa) = (found.scaled_jacobian, found.condition_number);
