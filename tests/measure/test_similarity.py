@@ -4,6 +4,7 @@ import itertools
 import json
 import math
 import pickle
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -122,6 +123,32 @@ def test_similar_shapes_and_mirror_images_are_at_distance_zero(seed, angle, scal
     for bounds in found.size:
         assert bounds.lower - 1e-9 <= 2 * math.log(scale) <= bounds.upper + 1e-9
     assert found.least.best <= 1e-6
+
+
+@given(numbers=st.lists(st.integers(-2, 2), min_size=16, max_size=16))
+@settings(max_examples=40)
+def test_agrees_with_fractions_on_integer_patches(numbers):
+    """D + 1/D and the ratio of sizes are rational in the tangents: exact at a grid, never above the bounds."""
+    corners = np.array([[[0, 0], [0, 9]], [[9, 0], [9, 9]]])
+    a, b = (corners + np.reshape(part, (2, 2, 2)) for part in (numbers[:8], numbers[8:]))
+    knots = ([0, 0, 1, 1], [0, 0, 1, 1])
+    found = pt.similarity(*(alone(pt.Patch(knots, (1, 1), x.astype(float))) for x in (a, b)), bounds=False, width=1e-6)
+    upper, (smallest, largest) = Fraction(found.dilatation.upper), found.size
+    for i, j in itertools.product(range(9), repeat=2):
+        (s, t), dets = zip(*(tangents(x, Fraction(i, 8), Fraction(j, 8)) for x in (a, b)), strict=True)
+        (e, f, g), (p, q, r) = s, t
+        assert upper + 1 / upper >= (e * r + g * p - 2 * f * q) / (dets[0] * dets[1])
+        ratio = math.log(dets[1] / dets[0])
+        assert smallest.lower - ROUNDING <= ratio <= largest.upper + ROUNDING
+
+
+def tangents(corners, u: Fraction, v: Fraction):
+    """E, F, G and det J of a bilinear patch, exactly."""
+    exact = [[[Fraction(int(x)) for x in point] for point in row] for row in corners]
+    x = [(exact[1][0][c] - exact[0][0][c]) * (1 - v) + (exact[1][1][c] - exact[0][1][c]) * v for c in (0, 1)]
+    y = [(exact[0][1][c] - exact[0][0][c]) * (1 - u) + (exact[1][1][c] - exact[1][0][c]) * u for c in (0, 1)]
+    form = (x[0] ** 2 + x[1] ** 2, x[0] * y[0] + x[1] * y[1], y[0] ** 2 + y[1] ** 2)
+    return form, x[0] * y[1] - x[1] * y[0]
 
 
 # --- the theorems ---------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..geometry.multipatch import MultiPatch
 from ..numeric.arrays import finite_or_none
 
-__all__ = ["Bounds", "ProvedQuality", "can_be_proved", "check_width", "proved_quality"]
+__all__ = ["Bounds", "ProvedQuality", "can_be_proved", "check_width", "outwards", "proved_quality"]
 
 
 @dataclass(frozen=True)
@@ -103,12 +103,16 @@ class ProvedQuality:
         return ProvedQuality(jacobian, condition, data["cells"])
 
 
-def _rounded(x: float, towards: Any) -> str:
-    """Four digits that the bound still holds for."""
+def outwards(x: float, digits: int, towards: Callable[[float], int]) -> float:
+    """A bound with fewer digits that still holds, by `math.floor` of a lower and `math.ceil` of an upper one."""
     if x == 0 or not math.isfinite(x):
-        return f"{x:.4g}"
-    unit = 10.0 ** (math.floor(math.log10(abs(x))) - 3)
-    return f"{towards(x / unit) * unit:.4g}"
+        return x
+    unit = 10.0 ** (digits - 1 - math.floor(math.log10(abs(x))))
+    return towards(x * unit) / unit
+
+
+def _rounded(x: float, towards: Callable[[float], int]) -> str:
+    return f"{outwards(x, 4, towards):.4g}"
 
 
 def can_be_proved(mp: MultiPatch) -> bool:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any
+
+from ..measure.bounds import outwards
 
 __all__ = ["page"]
 
@@ -111,6 +115,11 @@ def _number(x: float | None, digits: int = 4) -> str:
     return "∞" if x is None else f"{x:.{digits}g}" if abs(x) >= 1e-3 or x == 0 else f"{x:.2e}"
 
 
+def _bound(x: float | None, towards: Callable[[float], int]) -> str:
+    """A bound as it still holds."""
+    return _number(None if x is None else outwards(x, 4, towards))
+
+
 def _long_patches(rows: list[dict[str, Any]]) -> list[str]:
     """Why some means of κ are large: those of the sources are, and to scale they are not."""
     ours = {(r["sample"], r["method"]): r for r in rows if r["method"] in ("source", "certified")}
@@ -131,8 +140,9 @@ def _table1(rows: list[dict[str, Any]]) -> str:
     for r in rows:
         printed = r["method"] == "printed"
         numbers = [_number(r[key]) for key in ("sj_min", "sj_mean", "sj_max", "kappa_min", "kappa_mean", "kappa_max")]
-        numbers.insert(1, "–" if printed else _number(r["sj_min_proved"]))
-        numbers.insert(7, "–" if printed else _number(r["kappa_max_proved"]))
+        bounds = [("sj_min_proved", math.floor), ("kappa_max_proved", math.ceil)]
+        least, most = ("–" if printed else _bound(r[key], towards) for key, towards in bounds)
+        numbers = [numbers[0], least, *numbers[1:], most]
         numbers.append("–" if printed else _number(r["kappa_mean_to_scale"]))
         evidence = [
             MARKS[r["remark"]] if r["remark"] else (r["status"] or "–"),
