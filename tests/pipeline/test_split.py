@@ -16,7 +16,8 @@ import domains
 import models
 import patchtransfer as pt
 from patchtransfer import Boundary, InfeasibleTargetError, InputError, NotCertifiedError, TransferPlan
-from patchtransfer.pipeline.splitting import LEAST_WIDTH, TOGETHER, _in_order, _places
+from patchtransfer.pipeline.divisions import LEAST_WIDTH, TOGETHER, _places
+from patchtransfer.pipeline.splitting import _in_order
 from shapes import loop
 
 # Last: modules of other names lie in tests/support.
@@ -223,12 +224,27 @@ def test_close_corners_get_a_joint_each():
     assert result.boundary_error < 1e-6
 
 
-@pytest.mark.parametrize("depth", [0.4, 0.6])
+SPIKE = [(1.9, 0), (1.95, -0.6), (2.05, -0.6), (2.1, 0)]
+MUSHROOM = [(1.9, 0), (1.9, -0.3), (1.6, -0.3), (1.6, -0.5), (2.4, -0.5), (2.4, -0.3), (2.1, -0.3), (2.1, 0)]
+#: Turns once and a half: its parts lie side by side, so that no strip reaches the inmost.
+SPIRAL = [(1.9, 0), (1.9, -0.1), (2.3, -0.1), (2.3, -0.3), (1.9, -0.3), (1.9, -0.2), (2.2, -0.2), (2.2, -0.18)]
+SPIRAL += [(1.85, -0.18), (1.85, -0.35), (2.35, -0.35), (2.35, 0)]
+
+
+@pytest.mark.parametrize("tab", [SPIKE, MUSHROOM], ids=["spike", "mushroom"])
+def test_tabs_far_deeper_than_wide(tab):
+    target = loop([(0, 0), *tab, (4, 0), (4, 1), (0, 1)])
+    result = pt.transfer(bar(), target, continuity="c0", split="auto")
+    assert result.certificate.status == "certified"
+    assert off_joints(result) == []
+    assert result.boundary_error < 1e-8
+    assert len(result.multipatch) == 1 + len(tab)
+
+
 @pytest.mark.parametrize("refine", ["auto", "never"])
-def test_never_worse_than_without(depth, refine):
-    """A spike that leaves its patch no room: the source as it is comes nearer than no map at all."""
-    spike = [(1.9, 0), (1.95, -depth), (2.05, -depth), (2.1, 0)]
-    target = loop([(0, 0), *spike, (4, 0), (4, 1), (0, 1)])
+def test_never_worse_than_without(refine):
+    """A tab that leaves its patches no room: the source as it is comes nearer than no map at all."""
+    target = loop([(0, 0), *SPIRAL, (4, 0), (4, 1), (0, 1)])
     how = {"continuity": "c0", "fit_tolerance": 0.04, "refine": refine}
     whole, result = (pt.transfer(bar(), target, split=split, **how) for split in ("never", "auto"))
     assert result.split is None
@@ -237,9 +253,10 @@ def test_never_worse_than_without(depth, refine):
         np.array_equal(a.control_points, b.control_points)
         for a, b in zip(result.multipatch, whole.multipatch, strict=True)
     )
-    assert len(result.registration.missed_corners) == 4
+    assert len(result.registration.missed_corners) == len(SPIRAL)
     (said,) = (warning for warning in result.warnings if "splitting the source" in warning)
-    assert "4 corners (1.9, 0)" in said
+    # Two are so close that they share a joint.
+    assert "11 corners (1.9, 0)" in said
     # What was tried is not recommended.
     assert not any("--split auto" in warning for warning in result.warnings)
     assert any("--split auto" in warning for warning in whole.warnings)

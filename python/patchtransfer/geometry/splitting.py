@@ -16,7 +16,7 @@ from .multipatch import MultiPatch
 from .patch import Patch
 from .sides import Interface, Side
 
-__all__ = ["Cuts", "Origin", "SplitModel", "split_model", "split_patches"]
+__all__ = ["Cuts", "Origin", "SplitModel", "origins", "split_model", "split_patches"]
 
 #: Parameters of cuts, sorted, by (patch, axis); they match along interfaces, as `along_strips` makes them.
 Cuts = Mapping[tuple[int, int], Sequence[float]]
@@ -64,6 +64,18 @@ class SplitModel:
     parts: Parts
     lost: list[str]
 
+    def piece_at(self, patch: int, corner: int) -> tuple[int, int]:
+        """The piece (patch, corner) that has the corner of a patch as it was, and still is."""
+        along_v = self.parts[patch, Side.EAST if corner & 1 else Side.WEST]
+        return along_v[-1 if corner & 2 else 0][0], corner
+
+    def then(self, later: SplitModel) -> SplitModel:
+        """What was made of the outcome in turn, seen from the model before."""
+        patches = self.multipatch.patches
+        origin = tuple(o.within(patches[o.patch], self.origin[o.patch]) for o in later.origin)
+        parts = {side: [q for p in own for q in later.parts[p]] for side, own in self.parts.items()}
+        return SplitModel(later.multipatch, origin, parts, [*self.lost, *later.lost])
+
 
 def split_model(multipatch: MultiPatch, cuts: Cuts) -> SplitModel:
     """Split patches by inserting knots up to full multiplicity; labels and blocks go to all pieces of a side."""
@@ -75,7 +87,7 @@ def split_model(multipatch: MultiPatch, cuts: Cuts) -> SplitModel:
     split, lost = multipatch._in_pieces(patches, interfaces, parts)
     # Rounding may part what was glued.
     split = split.with_shared_points(split.topology.coordinates)
-    return SplitModel(split, _origins(multipatch.patches, cuts, pieces), parts, lost)
+    return SplitModel(split, origins(multipatch.patches, cuts, pieces), parts, lost)
 
 
 def split_patches(patches: Sequence[Patch], interfaces: Sequence[Interface], cuts: Cuts) -> list[Patch]:
@@ -84,8 +96,8 @@ def split_patches(patches: Sequence[Patch], interfaces: Sequence[Interface], cut
     return with_common_splines(pieces.patches, pieces.glued(interfaces))[0]
 
 
-def _origins(patches: Sequence[Patch], cuts: Cuts, pieces: Pieces) -> tuple[Origin, ...]:
-    """From the cuts: common splines may have other domains."""
+def origins(patches: Sequence[Patch], cuts: Cuts, pieces: Pieces) -> tuple[Origin, ...]:
+    """Of all pieces, from the cuts: common splines may have other domains."""
     origins: dict[int, Origin] = {}
     for k, patch in enumerate(patches):
         us, vs = (

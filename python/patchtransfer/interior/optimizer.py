@@ -312,7 +312,7 @@ def optimize_with_ladder(
     project : callable, optional
         Under continuity rows: takes a map to one that satisfies them. `start` is a good map then, not only a boundary.
     budget : Budget, optional
-        Ends the ladder when it is used up; the first rung is climbed whatever work is left. Default unlimited.
+        Ends the ladder when it is used up; the first rung has `Budget.first_steps`. Default unlimited.
 
     Returns
     -------
@@ -322,7 +322,8 @@ def optimize_with_ladder(
     ladder = _Ladder(certify, progress, budget or Budget())
     optimizer = make()
     first = optimizer.harmonic(start) if project is None else start
-    over = ladder.attempt("optimise", optimizer, first, max_steps=MAX_STEPS)
+    steps = ladder.budget.first_steps(optimizer.step_cost, MAX_STEPS)
+    over = ladder.attempt("optimise", optimizer, first, max_steps=steps)
     if not over and ladder.budget.expired():
         over = ladder.stop()
     extra: list[tuple[int, float, float]] = []

@@ -22,6 +22,7 @@ from ..numeric.compressed import Compressed
 from ..progress import Budget, Clock, Progress, StopReason, reporter
 from ..proof.certificate import BoundaryReport, Certificate, certify
 from .optimizer import (
+    MAX_STEPS,
     ROUGH,
     Certify,
     OptimizedMap,
@@ -168,6 +169,7 @@ class InteriorSolver:
                 optimizer = make()
                 rough = optimizer.minimise(
                     optimizer.harmonic(start),
+                    max_steps=budget.first_steps(optimizer.step_cost, MAX_STEPS),
                     progress=reporter(progress, "optimise"),
                     tolerance=ROUGH,
                     seconds=budget.seconds_left(),
@@ -307,6 +309,7 @@ class InteriorSolver:
             optimizer = self.optimizer(degenerate)
             found = optimizer.minimise(
                 optimizer.harmonic(start),
+                max_steps=budget.first_steps(optimizer.step_cost, MAX_STEPS),
                 progress=reporter(progress, "optimise"),
                 tolerance=ROUGH,
                 seconds=budget.seconds_left(),

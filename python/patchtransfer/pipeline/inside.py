@@ -14,7 +14,7 @@ from ..geometry.multipatch import MultiPatch
 from ..gradients.frozen import freeze
 from ..interior.solver import InteriorMap, InteriorSolver
 from ..measure.bounds import can_be_proved
-from ..measure.quality import quality
+from ..measure.quality import Quality, quality
 from ..proof.certificate import check_boundary
 from ..registration.register import Registration
 from .options import MISSED, Run
@@ -25,6 +25,12 @@ from .source_boundary import SourceBoundary
 
 __all__ = ["attempt", "slide"]
 
+#: Mean scaled Jacobian of what `parameterize` makes of an outline: 0.99 in the median of 172 drawings, 0.96 at 5 %. Of
+#: eleven results between drawings that were further below the target's own layout was better by more than 0.1 in nine,
+#: of 200 others in one.
+OWN_LAYOUT, UNSUITED = 0.98, 0.09
+#: Where the source itself is no better than the result by more than this, it is not the target that it does not suit.
+ALIKE = 0.05
 #: A model whose control points move by less than this part of its diameter stays where it is.
 STILL = 1e-9
 #: Part of the work for joints where they were before they slid, if no certified map is found where they slid to. There
@@ -78,7 +84,8 @@ def slide(
             # A success would be none any more.
             return None
         check = boundary.check(trial)
-        return trial if check.failure is None and check.degenerate == posed.degenerate else None
+        worse = check.failure is not None or (posed.report.simple and not check.report.simple)
+        return None if worse or check.degenerate != posed.degenerate else trial
 
     with run.clock("sliding") as stage:
         slid = slide_joints(
@@ -139,6 +146,7 @@ def measure(
         stage.found = f"scaled Jacobian min {scaled.min:.3f}, mean {scaled.mean:.3f} of samples"
         stage.found += "" if metrics.proved is None else f"; {metrics.proved}"
     warnings += _functions_of_the_source(interior.source, multipatch)
+    warnings += _unsuited(interior.source, metrics)
     space = None if found.rows is None else found.rows.space
     return TransferResult(
         multipatch=multipatch,
@@ -161,6 +169,17 @@ def measure(
         _source=interior.source,
         _freeze=partial(freeze, interior, space, posed.degenerate, found.points),
     )
+
+
+def _unsuited(source: MultiPatch, found: Quality) -> list[str]:
+    """A note where the target's own layout would do far better."""
+    mean = found.scaled_jacobian.mean
+    if mean >= OWN_LAYOUT - UNSUITED or mean >= quality(source).scaled_jacobian.mean - ALIKE:
+        return []
+    return [
+        f"the source's layout does not suit the target (mean scaled Jacobian {mean:.2f}): one of the target's own, by "
+        f"parameterize, would reach about {OWN_LAYOUT:.2f}"
+    ]
 
 
 def _functions_of_the_source(source: MultiPatch, moved: MultiPatch) -> list[str]:

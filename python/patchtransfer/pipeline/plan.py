@@ -19,16 +19,17 @@ from ..fitting.refinement import Knot, lone_spans, missed_spans, span_middles
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
-from ..geometry.splitting import Cuts, split_model, split_patches
 from ..gradients.frozen import Frozen
 from ..interior.solver import InteriorSolver
-from ..progress import Budget, Clock, Progress
+from ..progress import FIRST, Progress
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from ..registration.register import Registration
 from .accepted import accepted
+from .divisions import Division, SourceSplit, cut, divided_again, with_corners_opened, without
 from .inside import attempt
 from .mirrored import MIRROR_IMAGE, POOR, Reflection, mirrored_rows, of_own_sides, reflected, told
-from .options import Run, TransferOptions, options_of
+from .opening import smooth_corners, superfluous_ears
+from .options import Run, TransferOptions
 from .posed import Registered
 from .refilled import Refilled, filled, frozen
 from .refined import finer
@@ -36,7 +37,7 @@ from .result import TransferResult, failure_of, split_advice
 from .sliding import movable_joints
 from .source_boundary import SourceBoundary
 from .split_or_whole import better, split_note, vain_note
-from .splitting import Division, SourceSplit, onto_split, strip_cuts, with_near_joints_moved
+from .splitting import onto_split, with_near_joints_moved
 from .tasks import TransferTask, in_order
 
 if TYPE_CHECKING:
@@ -48,6 +49,10 @@ __all__ = ["Refilled", "TransferPlan"]
 REFINEMENTS = 6
 #: Part of the work for a source as it is, and for the refined one, where both may be tried.
 HALF = 0.5
+#: What a step on a source with a knot more in every span costs, in steps on the source itself.
+FINER = 4
+#: Part of it for a source that was divided for its target, where another way to divide it, or none, comes after.
+DIVIDED = 0.4
 
 
 class TransferPlan:
@@ -97,7 +102,7 @@ class TransferPlan:
         **options: Unpack[TransferOptions],
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
-        run = self._run(options, progress)
+        run = Run.of(options, self._interior.step_cost, progress)
         try:
             plan, registered = self._faced(target, landmarks, run)
         except InfeasibleTargetError as error:
@@ -120,10 +125,6 @@ class TransferPlan:
         if failure is not None:
             raise failure
         return result
-
-    def _run(self, options: TransferOptions, progress: Progress | None = None) -> Run:
-        chosen = options_of(options).decided()
-        return Run(chosen, Clock(progress), Budget.of_source(self._interior.step_cost, chosen.time_limit), progress)
 
     def _faced(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> tuple[TransferPlan, Registered]:
         """The correspondence, and the plan that it is of: this one's or, if asked for, its mirror image's."""
@@ -166,11 +167,12 @@ class TransferPlan:
         reference = None if self.reference is None else reflected(self.reference)
         if self._unsplit is None:
             source = self.source
-            image = MultiPatch(reflected(source), source.interfaces, source.ids, source.sides, source.blocks)
-            plan = TransferPlan(image, self.continuity, reference=reference)
+            turned = MultiPatch(reflected(source), source.interfaces, source.ids, source.sides, source.blocks)
+            plan = TransferPlan(turned, self.continuity, reference=reference)
         else:
             older = self._unsplit
-            plan = older.plan._mirrored._cut(older.division.cuts, older.corners)
+            image = older.plan._mirrored
+            plan = image._divided(divided_again(image._welded, image.reference, older.division))
         plan._notes = self._notes
         return plan
 
@@ -195,7 +197,9 @@ class TransferPlan:
             plan, registered, fitted, refined = self._refined_to_tolerance(registered, fitted, run)
             notes += refined
         result = attempt(registered, fitted, movable, plan._boundary, plan._interior, run)
-        if chosen.refines and not result.certificate.injective and not run.budget.expired():
+        cost = FINER * plan._interior.step_cost
+        enough = run.budget.steps(cost, FIRST) == FIRST
+        if chosen.refines and not result.certificate.injective and enough:
             with run.clock("refinement") as stage:
                 plan, registered = plan._refined(span_middles(plan.source.patches), registered)
                 stage.found = f"all spans halved, {plan.source.topology.n_points} control points"
@@ -204,6 +208,7 @@ class TransferPlan:
             if finer.certificate.injective:
                 result, note = finer, "the source was refined uniformly: one knot in every span of every patch"
             else:
+                result = replace(result, refined_in_vain=True)
                 note = "a uniform refinement of the source was tried: no certified map was found"
             notes.append(note)
         points = (result.multipatch.topology.n_points, self.source.topology.n_points)
@@ -214,31 +219,45 @@ class TransferPlan:
         )
 
     def _searched_split(self, registered: Registered, landmarks: ArrayLike | None, run: Run) -> TransferResult:
-        """The result with joints at all corners of the target; without, where that does better."""
+        """The result with joints at all corners of the target, and no corner of a patch on a smooth place of it.
+
+        Without, where that does better.
+        """
         near = self._with_near_joints_moved(registered)
-        tries: list[tuple[TransferResult, list[tuple[float, float]]]] = []
+        best: TransferResult | None = None
         # Joints that may not be moved to corners near by leave these to cuts.
         for start in (near,) if near is registered else (near, registered):
-            lacking = lacking_joints(start.registration, run.options.fit_tolerance)
-            if start is registered and not lacking:
-                return self._searched(registered, landmarks, run)
-            plan = self._split([lacking])
-            split = plan._searched(plan._onto_split(start, run) if lacking else start, landmarks, run.part(HALF))
-            corners = [corner.point for corner in lacking]
-            if corners:
-                split = split.with_warnings([split_note(corners, len(self.source), len(plan.source))])
-            if split.succeeded:
-                return split
-            tries.append((split, corners))
-        as_it_is = replace(run, options=replace(run.options, split="never"))
+            for plan, posed in self._divisions(start, run):
+                if plan is self and start is registered:
+                    continue
+                split = plan._searched(posed, landmarks, run.part(DIVIDED))
+                if plan.split is not None and plan is not self:
+                    split = split.with_warnings([split_note(plan.split, posed.handed, len(plan.source))])
+                if split.succeeded:
+                    return split
+                best = split if best is None or better(split, best) else best
+        if best is None:
+            return self._searched(registered, landmarks, run)
+        as_it_is = replace(run.part(HALF), options=replace(run.options, split="never"))
         whole = self._searched(registered, landmarks, as_it_is)
-        best = tries[0][0]
-        for split, _ in tries[1:]:
-            best = split if better(split, best) else best
         if better(best, whole):
             return best
-        split, corners = tries[-1]
-        return replace(whole.with_warnings([vain_note(corners, split)]), split_in_vain=True)
+        return replace(whole.with_warnings([vain_note(best)]), split_in_vain=True)
+
+    def _divisions(self, start: Registered, run: Run) -> Iterator[tuple[TransferPlan, Registered]]:
+        """Plans for the source split for one target, and the correspondence: the best, then those that do less."""
+        plan = self._split([lacking_joints(start.registration, run.options.fit_tolerance)])
+        posed = start if plan is self else plan._onto_split(start, run)
+        bare, onto = plan, posed
+        while gone := superfluous_ears(onto.registration, bare._welded, bare._boundary.valence):
+            bare = bare._divided(without(bare._welded, bare.reference, gone))
+            onto = bare._onto_split(onto, run)
+        fanned = bare._opened(smooth_corners(onto.registration, bare._welded.topology, bare._boundary.single))
+        if fanned is not bare:
+            yield fanned, fanned._onto_split(onto, run)
+        if bare is not plan:
+            yield bare, onto
+        yield plan, posed
 
     def _with_near_joints_moved(self, registered: Registered) -> Registered:
         """The same with free joints at corners near by; itself if there are none."""
@@ -260,22 +279,23 @@ class TransferPlan:
 
     def _split(self, lacking: Sequence[Sequence[LackingJoint]]) -> TransferPlan:
         """A plan for the source split so that corners of targets that lack joints, target by target, get them."""
-        cuts = strip_cuts(lacking, self._welded.topology)
-        corners = dict.fromkeys(corner.point for corners in lacking for corner in corners)
-        return self._cut(cuts, tuple(corners)) if cuts else self
+        return self._divided(cut(self._welded, self.reference, lacking))
 
-    def _cut(self, cuts: Cuts, corners: tuple[tuple[float, float], ...]) -> TransferPlan:
-        """A plan for the source with cuts through its strips, made for these corners of targets."""
-        topology = self._welded.topology
-        division = Division(topology, cuts, split_model(self._welded, cuts))
-        source = division.model.multipatch
-        reference = self.reference and split_patches(self.reference, topology.interfaces, cuts)
+    def _opened(self, corners: Sequence[tuple[int, int]]) -> TransferPlan:
+        """A plan for the source with these of its corners opened for a second patch; itself if they cannot be."""
+        return self._divided(with_corners_opened(self._welded, self.reference, corners))
+
+    def _divided(self, division: Division | None) -> TransferPlan:
+        """A plan for what the source was divided into; itself if it was not."""
+        if division is None:
+            return self
+        source, reference = division.model.multipatch, division.reference
         if self.continuity == "g1":
             # Pieces may have a single span, which locks exact G1.
             source, reference = finer(source, reference, lone_spans(source.patches), 2)
         plan = TransferPlan(source, self.continuity, reference=reference)
-        plan._unsplit = Unsplit(self, division, corners)
-        plan.split = division.report(corners, self.split)
+        plan._unsplit = Unsplit(self, division)
+        plan.split = division.report(self.split)
         plan._notes += division.model.lost
         return plan
 
@@ -320,12 +340,12 @@ class TransferPlan:
         >>> plan.split_for([roof])
         <TransferPlan: 2 patches, continuity c0>
         """
-        run = self._run(options)
+        run = Run.of(options, self._interior.step_cost)
         targets = list(targets)
         given = [None] * len(targets) if landmarks is None else list(landmarks)
         if len(given) != len(targets):
             raise InputError(f"split_for: landmarks are one set a target or none, got {len(given)} for {len(targets)}")
-        lacking = []
+        lacking, smooth = [], dict[tuple[int, int], None]()
         for number, pair in enumerate(zip(targets, given, strict=True)):
             try:
                 plan, registered = self._faced(*pair, run)
@@ -340,7 +360,12 @@ class TransferPlan:
             lacking.append(
                 corners if plan is self else of_own_sides(corners, plan._welded.topology, self._welded.topology)
             )
-        return self._split(lacking)
+            # Patches of the mirror image keep their numbers and corners.
+            smooth |= dict.fromkeys(smooth_corners(near.registration, plan._welded.topology, plan._boundary.single))
+        plan = self._split(lacking)
+        before = None if plan is self else plan._unsplit
+        pieces = [corner if before is None else before.division.model.piece_at(*corner) for corner in smooth]
+        return plan._opened(pieces) if pieces else plan
 
     def map(
         self,
@@ -469,8 +494,7 @@ class TransferPlan:
 
 
 class Unsplit(NamedTuple):
-    """The plan of a source before it was split, how it was, and for which corners of targets."""
+    """The plan of a source before it was divided, and how it was."""
 
     plan: TransferPlan
     division: Division
-    corners: tuple[tuple[float, float], ...]

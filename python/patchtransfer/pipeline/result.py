@@ -21,9 +21,9 @@ from ..measure.similarity import Similarity, similarity
 from ..proof.certificate import Certificate
 from ..registration.missed_tabs import tab_text
 from ..registration.register import Registration
+from .divisions import SourceSplit
 from .posed import Failure
 from .sliding import SlideReport
-from .splitting import SourceSplit
 
 if TYPE_CHECKING:
     from ..paper.method import PaperHistory
@@ -95,6 +95,8 @@ class TransferResult:
         source's; None where the patches are the source's own.
     split_in_vain : bool
         Whether splitting the source was tried, and the source as it is did better.
+    refined_in_vain : bool
+        Whether a uniform refinement of the source was tried, and found no certified map either.
     mirrored : bool
         Whether the source was mirrored (x -> -x) for a target that is a mirror image; its patches have the other hand.
     looks_mirrored : bool
@@ -122,6 +124,7 @@ class TransferResult:
     refined: bool = False
     split: SourceSplit | None = None
     split_in_vain: bool = False
+    refined_in_vain: bool = False
     mirrored: bool = False
     looks_mirrored: bool = False
     _source: MultiPatch | None = field(default=None, repr=False)
@@ -279,7 +282,9 @@ def failure_of(result: TransferResult) -> NotCertifiedError | None:
     cut = "" if result.stopped is None else f"; {result.stopped}"
     # More knots or landmarks do not help where the target itself is in doubt.
     in_vain = failure is not None and failure.of_target
-    more = "" if in_vain else "try --refine auto (refine='auto') or more landmarks; "
+    knots = "more knots did not help; try" if result.refined_in_vain else "try --refine auto (refine='auto') or"
+    own = "or a source with a layout of the target's own (parameterize)"
+    more = "" if in_vain else f"{knots} more landmarks, {own}; "
     advice = split_advice(result)
     more += f"{advice}; " if advice else ""
     more += f"{tab_text(tabs)}; " if tabs else ""

@@ -325,7 +325,8 @@ def _shifted(registration: Registration, shifts: Sequence[FloatArray]) -> Regist
         rows -= np.outer(turns, [length, loop.target.length])
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
         rows = rows[np.diff(rows[:, 0], prepend=-length) > 1e-9 * length]
-        rows[:, 1] += np.interp(rows[:, 0], joints, np.append(shift, shift[0]))
+        # In proportion on the target: on the source another anchor might overtake a joint.
+        rows[:, 1] += np.interp(rows[:, 1], loop.joints, np.append(shift, shift[0]))
         anchors = np.concatenate([rows, rows[:1] + np.array([length, loop.target.length])])
         loops.append(replace(loop, anchors=anchors))
     return replace(registration, loops=tuple(loops))

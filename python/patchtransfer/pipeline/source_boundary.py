@@ -58,10 +58,12 @@ class SourceBoundary:
         valence = {vertex.point: vertex.valence for vertex in topology.vertices}
         of_sides = [[side.points(topology.points[side.patch]) for side in loop] for loop in topology.loops]
         #: Loop by loop, how many patches meet at each joint, and whether one alone fills it.
-        self._valence = [[valence[int(points[0])] for points in loop] for loop in of_sides]
-        self.single = [[patches == 1 for patches in loop] for loop in self._valence]
+        self.valence = [[valence[int(points[0])] for points in loop] for loop in of_sides]
+        self.single = [[patches == 1 for patches in loop] for loop in self.valence]
         self._points_of = of_sides
         self._side_points = np.concatenate([points for loop in of_sides for points in loop])
+        # The last fit looked at: whoever takes it looks again.
+        self._checked: tuple[FittedBoundary, FitCheck] | None = None
 
     @cached_property
     def _sampled(self) -> BoundaryShape:
@@ -134,6 +136,11 @@ class SourceBoundary:
             freer = fit_boundary(registration, single, tolerance=tolerance, stiffness=stiffness)
             if freer.error < best.error and self.check(freer).failure is None:
                 best = freer
+        report = self.check(best).report
+        if not report.simple:
+            even = fit_boundary(_evened(registration, report), self.single, tolerance=tolerance)
+            if self.check(even).failure is None and self.check(even).report.simple:
+                best = even
         return best
 
     def check(self, fitted: FittedBoundary) -> FitCheck:
@@ -141,6 +148,12 @@ class SourceBoundary:
 
         The target passed these checks, so a failure is the fit's: the source's knots are too coarse for it.
         """
+        last = self._checked
+        if last is None or last[0] is not fitted:
+            last = self._checked = fitted, self._check(fitted)
+        return last[1]
+
+    def _check(self, fitted: FittedBoundary) -> FitCheck:
         curves = [[side.curve for side in sides] for sides in fitted.loops]
         report = check_boundary(curves)
         try:
@@ -155,7 +168,7 @@ class SourceBoundary:
         shared = (
             corner.bound
             if corner.single_patch
-            else float(np.sin(np.radians(corner.angle) / self._valence[corner.loop][corner.joint]))
+            else float(np.sin(np.radians(corner.angle) / self.valence[corner.loop][corner.joint]))
             for corner in corners
         )
         return min(shared, default=1.0)
@@ -198,3 +211,20 @@ class SourceBoundary:
             [fit.curve.control_points for sides in fitted.loops for fit in sides]
         )
         return points
+
+
+def _evened(registration: Registration, report: BoundaryReport) -> Registration:
+    """The correspondence in even proportions along sides whose fits meet where they should not.
+
+    Where features close together are matched to ones far apart, speeds jump, and a side on few knots turns back.
+    """
+    sides = {place[:2] for meeting in report.crossings for place in (meeting.a, meeting.b)}
+    loops = []
+    for k, loop in enumerate(registration.loops):
+        joints, images = loop.source.joints, loop.joints
+        side = np.searchsorted(joints, loop.anchors[:, 0], side="right") - 1
+        uneven = np.isin(side, [i for m, i in sides if m == k]) & ~np.isin(loop.anchors[:, 0], joints)
+        ends = np.column_stack([joints, images])
+        kept = np.concatenate([loop.anchors[~uneven], ends[~np.isin(joints, loop.anchors[~uneven, 0])]])
+        loops.append(replace(loop, anchors=kept[np.argsort(kept[:, 0], kind="stable")]))
+    return replace(registration, loops=tuple(loops))

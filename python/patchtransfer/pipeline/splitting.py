@@ -1,103 +1,32 @@
-"""A source split where the target has corners that no joint takes: where to cut, and the correspondence afterwards.
-
-A side of a patch cannot follow a corner in its middle. A cut through the whole strip of patches behind it makes a joint
-there, without changing the source's geometry. A strip that is not closed has a boundary side at either end, so a cut
-serves a corner at both.
-"""
+"""The correspondence of a source that was divided for its target: as it was, with the joints that cuts have made."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.conformity.strip_cuts import along_strips
 from ..geometry.outline import Outline
-from ..geometry.splitting import Cuts, Origin, SplitModel
-from ..geometry.topology import BoundarySide, Topology
+from ..geometry.splitting import Cuts, Origin
+from ..geometry.topology import BoundarySide
 from ..numeric.arrays import FloatArray
 from ..registration.free_joints import joints_to_corners, warped
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from ..registration.missed_corners import missed_corners, missed_warnings
 from ..registration.register import LoopRegistration, Registration
+from .divisions import Division
 
-__all__ = ["Division", "SourceSplit", "onto_split", "strip_cuts", "with_near_joints_moved"]
+__all__ = ["onto_split", "with_near_joints_moved"]
 
 #: A free joint nearer to a corner than this part of its side moves there: no cut is needed.
 NEAR_JOINT = 0.15
-#: Corners at the two ends of a strip, or of several targets, share a cut where their places differ by less.
-TOGETHER = 0.1
-#: Pieces are at least this part of a strip wide, if there is room.
-LEAST_WIDTH = 0.05
 #: Joints that were made for other targets are not handed to corners farther away than this part of a side.
 FARTHEST = 0.5
-#: Cuts go through a knot of the source that is this near.
-NEAR_KNOT = 0.02
-#: Places of cuts are whole multiples of this: they, and what is left of a side, are exact numbers then, so that knots
-#: agree to the bit where patches run against each other.
-GRID = 2.0**-20
 #: Arc lengths that differ by less than this part of the loop are one.
 SAME_PLACE = 1e-9
-
-#: A side of the source and a number of a target; the strip's cuts are for such.
-_End = tuple[int, int, int]
-
-
-@dataclass(frozen=True)
-class SourceSplit:
-    """How a source was split, so that corners of targets have joints.
-
-    Attributes
-    ----------
-    corners : tuple of (x, y)
-        Corners of the target, or of all targets that a plan was split for, that had no joint.
-    origin : tuple of Origin
-        Of every patch of the result, the patch of the source that it is, or was cut from, and which part.
-    """
-
-    corners: tuple[tuple[float, float], ...]
-    origin: tuple[Origin, ...]
-
-    @property
-    def cuts(self) -> tuple[tuple[int, int, float], ...]:
-        """Where patches of the source were cut, (patch, axis, parameter): u = parameter for axis 0."""
-        ends: dict[tuple[int, int], set[float]] = defaultdict(set)
-        for origin in self.origin:
-            ends[origin.patch, 0].update(origin.u)
-            ends[origin.patch, 1].update(origin.v)
-        return tuple((k, axis, t) for (k, axis), at in sorted(ends.items()) for t in sorted(at)[1:-1])
-
-    def __repr__(self) -> str:
-        before = len({origin.patch for origin in self.origin})
-        return f"<SourceSplit: {before} -> {len(self.origin)} patches for {len(self.corners)} corners>"
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain values for JSON: corners, cuts, origin."""
-        return {
-            "corners": [list(corner) for corner in self.corners],
-            "cuts": [{"patch": k, "axis": axis, "parameter": t} for k, axis, t in self.cuts],
-            "origin": [origin.to_dict() for origin in self.origin],
-        }
-
-
-class Division(NamedTuple):
-    """A source's topology, how it was cut, and what came of it."""
-
-    before: Topology
-    cuts: Cuts
-    model: SplitModel
-
-    def report(self, corners: Sequence[tuple[float, float]], older: SourceSplit | None) -> SourceSplit:
-        """What to tell of it; `older` is how the source had been split itself."""
-        origin = self.model.origin
-        if older is not None:
-            origin = tuple(o.within(self.before.patches[o.patch], older.origin[o.patch]) for o in origin)
-            corners = (*older.corners, *corners)
-        return SourceSplit(tuple(corners), origin)
 
 
 def with_near_joints_moved(registration: Registration, single: Sequence[Sequence[bool]]) -> Registration:
@@ -127,56 +56,6 @@ def _with_loops(registration: Registration, loops: Sequence[LoopRegistration]) -
     return replace(registration, loops=tuple(loops), warnings=tuple(warnings), missed_corners=tuple(missed))
 
 
-def strip_cuts(lacking: Sequence[Sequence[LackingJoint]], topology: Topology) -> Cuts:
-    """Where to cut a source, so that corners of one target, or of several, get joints.
-
-    Parameters
-    ----------
-    lacking : sequence of sequences of LackingJoint
-        Of every target.
-    topology : Topology
-        Of the source.
-    """
-    wanted: dict[tuple[int, int], list[tuple[_End, float]]] = defaultdict(list)
-    for number, corners in enumerate(lacking):
-        for corner in corners:
-            side = topology.loops[corner.loop][corner.side]
-            low, high = topology.patches[side.patch].knots[side.side.axis][[0, -1]].tolist()
-            x = (corner.parameter - low) / (high - low)
-            end = (number, side.patch, int(side.side))
-            wanted[side.patch, side.side.axis].append((end, 1 - x if side.reversed else x))
-    return along_strips(topology.patches, topology.interfaces, wanted, _places)
-
-
-def _places(wanted: list[tuple[_End, float]], knots: list[float]) -> list[float]:
-    """Places of a strip's cuts: one for each corner of a side, shared with corners elsewhere near by."""
-    groups: list[dict[_End, float]] = []
-    for end, x in sorted(wanted, key=lambda pair: (pair[1], pair[0])):
-        if groups and end not in groups[-1] and x - min(groups[-1].values()) <= TOGETHER:
-            groups[-1][end] = x
-        else:
-            groups.append({end: x})
-    places = np.array([np.mean(list(group.values())) for group in groups])
-    n = len(places)
-    width = min(LEAST_WIDTH, 0.5 / (n + 1))
-    # Apart from the end before, then from the one after: there is room for all.
-    steps = width * np.arange(1, n + 1)
-    places = np.maximum.accumulate(np.maximum(places, width) - steps) + steps
-    room = 1 - width * np.arange(n, 0, -1)
-    places = np.minimum(places, room)
-    own = np.unique(knots)
-    if len(own):
-        nearest = own[abs(places[:, None] - own).argmin(axis=1)]
-        near = min(NEAR_KNOT, width / 3)
-        at_knot = abs(nearest - places) <= near
-        return [float(k) if at else _on_grid(x) for k, at, x in zip(nearest, at_knot, places, strict=True)]
-    return [_on_grid(x) for x in places]
-
-
-def _on_grid(x: float) -> float:
-    return float(round(x / GRID) * GRID)
-
-
 def onto_split(
     registration: Registration, tolerance: float, division: Division, outlines: Sequence[Outline]
 ) -> Registration:
@@ -192,7 +71,7 @@ def onto_split(
     outlines : sequence of Outline
         Of the split source, loop by loop.
     """
-    before, cuts, split = division
+    before, cuts, split = division[:3]
     lacking: dict[int, list[LackingJoint]] = defaultdict(list)
     for corner in lacking_joints(registration, tolerance):
         lacking[corner.loop].append(corner)
@@ -200,16 +79,20 @@ def onto_split(
     place = {(side.patch, side.side): (k, i) for k, loop in enumerate(before.loops) for i, side in enumerate(loop)}
     loops = []
     for own, outline in zip(split.multipatch.topology.loops, outlines, strict=True):
-        k, _ = place[whole[own[0].patch, own[0].side]]
+        places = [place.get(whole.get((part.patch, part.side), (-1, part.side))) for part in own]
+        k = next(at[0] for at in places if at is not None)
         loop = registration.loops[k]
         pairs = _pairs(loop, before.loops[k], cuts, lacking[k])
         anchors = _with_pairs(loop, pairs)
         features = np.concatenate([loop.features, pairs])
-        starts = []
-        for part in own:
-            i = place[whole[part.patch, part.side]][1]
-            starts.append(_start(loop.source, i, before.loops[k][i], part, split.origin[part.patch]))
-        loops.append(_moved(replace(loop, anchors=anchors, features=features), np.array(starts), outline))
+        starts = [
+            _start(loop.source, at[1], before.loops[k][at[1]], part, split.origin[part.patch])
+            if at is not None
+            else _joint_at(loop.source, outline.curves[j].start)
+            for j, (part, at) in enumerate(zip(own, places, strict=True))
+        ]
+        moved = _moved(replace(loop, anchors=anchors, features=features), np.array(starts), outline)
+        loops.append(_evened(moved, [j for j, at in enumerate(places) if at is None]))
     return _with_loops(registration, loops)
 
 
@@ -274,6 +157,24 @@ def _start(outline: Outline, i: int, side: BoundarySide, part: BoundarySide, ori
     low, high = (origin.u, origin.v)[part.side.axis]
     t = sum(outline.curves[i].domain) - high if side.reversed else low
     return float(outline.arc_length(i, np.array([t]))[0])
+
+
+def _joint_at(outline: Outline, point: FloatArray) -> float:
+    """Arc length of the joint at a point."""
+    starts = np.array([curve.start for curve in outline.curves])
+    return float(outline.joints[int(np.hypot(*(starts - point).T).argmin())])
+
+
+def _evened(loop: LoopRegistration, sides: Sequence[int]) -> LoopRegistration:
+    """The correspondence in even proportions along sides that were laid bare: what was matched there is gone."""
+    if not sides:
+        return loop
+    joints = loop.source.joints
+    side = np.searchsorted(joints, loop.anchors[:, 0], side="right") - 1
+    gone = np.isin(side, sides) & ~np.isin(loop.anchors[:, 0], joints)
+    rows = np.concatenate([loop.anchors[~gone], np.column_stack([joints, loop.joints])])
+    _, first = np.unique(rows[:, 0], return_index=True)
+    return replace(loop, anchors=rows[first])
 
 
 def _moved(loop: LoopRegistration, starts: FloatArray, outline: Outline) -> LoopRegistration:

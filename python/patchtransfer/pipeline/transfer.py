@@ -60,9 +60,11 @@ def transfer(
         patches: that is `split`.
     split : {"never", "auto"}, default "never"
         "auto" splits the source's patches, in whole strips, where the target has corners that no joint of the source
-        takes: the same geometry, more patches, and every corner gets a joint. The result's ``split`` and a warning
-        tell; refine="auto" acts above `fit_tolerance` then. Where no certified map of the target is found so, the
-        source is taken as it is, if that does better.
+        takes: the same geometry, more patches, and every corner gets a joint. Where a corner of the source that one
+        patch fills lies on a smooth place of the target, where the patch would be degenerate, a second patch is made,
+        or the patch is left out with a feature that the target lacks. The result's ``split`` and a warning tell;
+        refine="auto" acts above `fit_tolerance` then. Where no certified map of the target is found so, the source is
+        taken as it is, if that does better.
     mirror : {"never", "auto"}, default "never"
         "auto" takes the target for a mirror image of the source where that fits clearly better, or where landmarks are
         in decreasing order: the source is mirrored (x -> -x) first, so that its right-handed patches become
