@@ -111,7 +111,7 @@ def test_a_conformal_map_is_at_distance_zero_and_no_similarity():
 
 
 @given(
-    seed=st.integers(0, 10**6), angle=st.floats(0, 7), scale=st.sampled_from([1e-100, 0.3, 1e100]), flip=st.booleans()
+    seed=st.integers(0, 10**6), angle=st.floats(0, 7), scale=st.sampled_from([1e-160, 0.3, 1e140]), flip=st.booleans()
 )
 @settings(max_examples=25)
 def test_similar_shapes_and_mirror_images_are_at_distance_zero(seed, angle, scale, flip):

@@ -31,8 +31,8 @@ __all__ = ["energy_dilatation"]
 CONSTANT = 1e-11
 
 
-def energy_dilatation(a: MultiPatch, b: MultiPatch) -> float:
-    """Lower bound of max log D of all quasiconformal maps, up to the quadrature of energies.
+def energy_dilatation(a: MultiPatch, b: MultiPatch) -> float | None:
+    """Lower bound of max log D of all quasiconformal maps, up to the quadrature of energies; None where one folds.
 
     Parameters
     ----------
@@ -40,7 +40,10 @@ def energy_dilatation(a: MultiPatch, b: MultiPatch) -> float:
         Of one layout in one spline space, with det J > 0 inside.
     """
     space = _Space(a)
-    roots = [space.inverse_roots(model) for model in (a, b)]
+    stiffness = [space.stiffness(model) for model in (a, b)]
+    if any(matrix is None for matrix in stiffness):
+        return None
+    roots = [space.inverse_roots(matrix) for matrix in stiffness]
     best = 1.0
     for (above, _), (_, below) in (roots, roots[::-1]):
         # With boundary values R x the ratio of energies is that of |(middle)ᵀ x|² and |x|².
@@ -93,9 +96,8 @@ class _Space:
         n = self.glue.shape[1]
         return self.extended[:, np.concatenate([self.boundary, np.arange(n, self.extended.shape[1])])]
 
-    def inverse_roots(self, mp: MultiPatch) -> tuple[FloatArray, FloatArray]:
+    def inverse_roots(self, broken: csc_array) -> tuple[FloatArray, FloatArray]:
         """Factors R with R Rᵀ = S⁺, of the least energy of boundary values and that of extended ones."""
-        broken = self._stiffness(mp)
         whole = csc_array(self.extended.T @ broken @ self.extended)
         n = self.glue.shape[1]
         kept = np.concatenate([self.boundary, np.arange(n, whole.shape[0])])
@@ -108,14 +110,17 @@ class _Space:
         m = len(self.boundary)
         return _inverse_root(least[:m, :m]), _inverse_root(least)
 
-    def _stiffness(self, mp: MultiPatch) -> csc_array:
-        """∫ ∇φ·∇ψ of all patches' basis functions, those of different patches apart."""
+    def stiffness(self, mp: MultiPatch) -> csc_array | None:
+        """∫ ∇φ·∇ψ of all patches' basis functions, those of different patches apart; None where det J <= 0."""
         spaces, forms = [], []
-        for patch, numbers in zip(mp.patches, self.local, strict=True):
+        for patch, numbers, sign in zip(mp.patches, self.local, mp.topology.orientation.tolist(), strict=True):
             (u, wu), (v, wv) = (_nodes(k, p + 2) for k, p in zip(patch.knots, patch.degrees, strict=True))
             spaces.append((*patch.knots, *patch.degrees, u, v, np.ascontiguousarray(numbers)))
-            x, y = patch.derivative(u[:, None], v, 1, 0), patch.derivative(u[:, None], v, 0, 1)
-            det = np.abs(x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0])
+            # Energies do not depend on the size, which squares of derivatives might lose.
+            x, y = (patch.derivative(u[:, None], v, k, 1 - k) / mp.diameter for k in (1, 0))
+            det = sign * (x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0])
+            if not (det > 0).all():
+                return None
             weights = wu[:, None] * wv / det
             e, f, g = ((p * q).sum(axis=-1) for p, q in ((x, x), (x, y), (y, y)))
             forms.append(np.ascontiguousarray(np.stack([weights * g, -weights * f, weights * e])))

@@ -13,8 +13,11 @@ use crate::spline::bernstein::{BoundedBernstein, U};
 
 /// Halvings of a cell in each direction, as of a certificate.
 const MAX_DEPTH: usize = 20;
-/// Sub-cells looked at before the bounds found so far count, a tenth of a second of moderate degree; a hundred is many.
+/// Sub-cells of moderate degree looked at before the bounds found so far count, a tenth of a second's work; a hundred is
+/// many.
 const MAX_CELLS: usize = 20_000;
+/// Coefficients of a cell of degree about five; of cells with more as many fewer are looked at.
+const COEFFICIENTS: usize = 100;
 /// Roundings of a quotient of two sums, and of the sums, outwards.
 const DOWN: f64 = 1.0 - 4.0 * U;
 const UP: f64 = 1.0 + 4.0 * U;
@@ -280,7 +283,8 @@ impl Scan {
         let mut number = heap.len();
         while let Some(worst) = heap.pop() {
             let done = near(measure, worst.low, self.best.high, width);
-            if done || !worst.may_be_halved || cells >= MAX_CELLS {
+            let most = MAX_CELLS * COEFFICIENTS / worst.cell.above.coefs.len().max(COEFFICIENTS);
+            if done || !worst.may_be_halved || cells >= most {
                 self.best.low = self.best.low.min(worst.low);
                 break;
             }
