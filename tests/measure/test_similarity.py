@@ -362,6 +362,15 @@ def test_refined_and_mirrored_results_are_compared_with_what_was_transferred():
     assert result.dilatation.least.best <= result.dilatation.log_dilatation.upper
 
 
+def test_inserted_knots_are_those_of_the_result():
+    source, target, landmarks = pt.examples.load("star")
+    result = pt.transfer(source, target, landmarks, refine="auto", fit_tolerance=1e-7)
+    assert result.refined
+    found = pt.similarity(source, result.multipatch, bounds=False)
+    assert found.log_dilatation.upper == pytest.approx(result.dilatation.log_dilatation.upper, abs=2e-3)
+    assert found.mean == pytest.approx(result.dilatation.mean, abs=1e-9)
+
+
 def test_command_line(tmp_path):
     a = models.grid(2, 1, seed=None)
     b = moved(a, 3, 0.03)
