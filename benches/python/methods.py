@@ -77,8 +77,8 @@ transfer on a prepared plan, median and largest.
 SUMMARY = ("method", "joined", "certified", "flip-free", "C0 left", "min", "mean", "median", "largest")
 FOOT = """
 The two first maps end in the same minimum: they differ in time alone. Literal rows prescribe the ratio of speeds that
-weighted ones take from the map without rows; the mean hardly feels it. To the letter most of the time is the alternation
-with a soft boundary, which β draws outwards for a hundred iterations.
+weighted ones take from the map without rows; the mean hardly feels it. To the letter most of the time is the
+alternation with a soft boundary, which β draws outwards for a hundred iterations.
 
 ## Every target, joined C1
 
