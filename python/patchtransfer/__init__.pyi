@@ -29,10 +29,15 @@ from .io import read as read
 from .io import read_boundary as read_boundary
 from .io import read_landmarks as read_landmarks
 from .io import write as write
+from .measure.bounds import Bounds as Bounds
+from .measure.bounds import ProvedQuality as ProvedQuality
 from .measure.continuity import ContinuityReport as ContinuityReport
 from .measure.continuity import check_continuity as check_continuity
 from .measure.quality import Quality as Quality
 from .measure.quality import quality as quality
+from .measure.similarity import LowerBounds as LowerBounds
+from .measure.similarity import Similarity as Similarity
+from .measure.similarity import similarity as similarity
 from .motion.deform import Deformer as Deformer
 from .motion.deform import DeformResult as DeformResult
 from .motion.deform import deform as deform

@@ -125,6 +125,19 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
             ),
             fit_tolerance_option,
             click.option(
+                "--c1-share",
+                type=float,
+                metavar="X",
+                help="Insert knots until this part of the interfaces' length is C1 (default: none).",
+            ),
+            click.option(
+                "--ratios",
+                type=click.Choice(CHOICES["ratios"]),
+                default="target",
+                show_default=True,
+                help="Speeds and frames that continuity rows follow: the map's, or the source's, as for all targets.",
+            ),
+            click.option(
                 "--fixed-correspondence/--sliding-joints",
                 default=None,
                 help="Keep all joints where registration puts them, or let those that are neither corners nor "

@@ -13,7 +13,7 @@ Paper §3.2, Eq. 2–6: least squares with both ends interpolated. The paper tak
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
@@ -136,6 +136,14 @@ class FittedBoundary:
             tuple([FittedSide(curve, *rest) for curve, rest in zip(unpack_curves(curves), others, strict=True)])
             for curves, others in self._packed
         )
+
+    def with_curves(self, curves: Sequence[Sequence[BSplineCurve]]) -> FittedBoundary:
+        """The same fit by other curves of the same shape: with more knots."""
+        pairs = zip(self.loops, curves, strict=True)
+        loops = [
+            tuple(replace(side, curve=curve) for side, curve in zip(loop, along, strict=True)) for loop, along in pairs
+        ]
+        return FittedBoundary(loops, self.error, self.warnings)
 
     @cached_property
     def _packed(self) -> list[tuple[PackedCurves, list[tuple[float, bool]]]]:

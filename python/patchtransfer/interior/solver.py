@@ -31,7 +31,8 @@ from .optimizer import (
     optimize_with_ladder,
     step_cost,
 )
-from .under_rows import ROW_ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
+from .spoilt import SPOILT, spoilt_vertices
+from .under_rows import ROW_ROUNDS, ActiveRows, MakeRows, best_under_rows, optimize_under_rows, rows_summary
 
 if TYPE_CHECKING:
     from ..paper.method import PaperHistory
@@ -98,12 +99,17 @@ class InteriorSolver:
     continuity : {"c0", "c1", "g1"}
     reference : sequence of Patch, optional
         Maps that distortion is measured against; default the source's own patches.
+    ratios : {"target", "source"}, default "target"
+        Whether rows follow the speeds and frames of the map that they are for, or those of the source.
     """
 
-    def __init__(self, source: MultiPatch, continuity: str, reference: Sequence[Patch] | None = None) -> None:
-        self.source, self.continuity, self.reference = source, continuity, reference
+    def __init__(
+        self, source: MultiPatch, continuity: str, reference: Sequence[Patch] | None = None, ratios: str = "target"
+    ) -> None:
+        self.source, self.continuity, self.reference, self.ratios = source, continuity, reference, ratios
         self._control = () if continuity == "c0" else control_rows(source.topology)
-        self._c1 = C1Rows(source.topology, self._control)
+        # Exact G1 has no use for the legs' ratio: its own may vary along an interface.
+        self._c1 = C1Rows(source.topology, self._control, legs=(continuity, ratios) == ("c1", "target"))
         self._linear = frozenset(i for i, r in enumerate(self._control) if r.lowest_degree < 2)
         self._degenerate = degenerate_corners(source.patches if reference is None else reference)
         #: Of a Newton step on the source's own nodes; see `SplineOptimizer`.
@@ -235,6 +241,7 @@ class InteriorSolver:
                     points,
                     check,
                     progress,
+                    looser=partial(self._looser, points, log) if level == "c1" else None,
                     release=level == "c1",
                     rounds=rounds,
                     budget=budget,
@@ -383,6 +390,31 @@ class InteriorSolver:
             cache[key].set_basis(null_space)
         return cache[key]
 
+    def _looser(
+        self, reference: FloatArray, log: list[str], tried: int, points: FloatArray, rows: ActiveRows
+    ) -> MakeRows | None:
+        """C1 rows with second rows that are relaxed, and then without them, at vertices where these spoil a map.
+
+        Each choice may spoil a patch by half of what the one before may, for the kink grows from one to the next.
+        """
+        before, after = (self.source.with_shared_points(x) for x in (reference, points))
+        lost = self._linear.symmetric_difference(rows.without)
+        found = self._c1.second_rows & spoilt_vertices(before, after, lost, SPOILT**tried)
+        if tried > 2 or not found:
+            return None
+        places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in reference[sorted(found)].tolist())
+        way = "are relaxed" if tried == 1 else "are left out, all others relaxed"
+        log.append(f"rows spoil patches: the second ones at the extraordinary vertices {places} {way}")
+
+        followed = self._followed(reference)
+
+        def make(released: Collection[Spoke], without: Collection[int]) -> ContinuityRows:
+            if tried == 1:
+                return self._c1(followed, released, without, relaxed=found)
+            return self._c1(followed, released, without, relaxed=self._c1.second_rows, open_vertices=found)
+
+        return make
+
     @property
     def _levels(self) -> tuple[str, ...]:
         """Exact G1 follows the frames of a map with C1 rows."""
@@ -397,9 +429,14 @@ class InteriorSolver:
         literal: bool = False,
     ) -> ContinuityRows:
         """Continuity rows that follow the speeds and frames of a reference map; C1 ones literally as the paper's."""
+        followed = self._followed(reference)
         if level.startswith("g1"):
-            return g1_rows(self.source.topology, self._control, reference, without, linear=level == "g1 linear")
-        return self._c1(reference, released, without, literal)
+            return g1_rows(self.source.topology, self._control, followed, without, linear=level == "g1 linear")
+        return self._c1(followed, released, without, literal=literal)
+
+    def _followed(self, reference: FloatArray) -> FloatArray:
+        """The map whose speeds and frames rows follow."""
+        return self.source.topology.coordinates if self.ratios == "source" else reference
 
 
 def _figures(found: OptimizedMap) -> str:

@@ -37,7 +37,7 @@ def transfer(
         Rows (xs, ys, xt, yt) of corresponding boundary points; see `register`.
     continuity : {"c0", "c1", "g1"}, default "c1"
         Continuity across patches: "c1" keeps C1 rows along interfaces, with the ratio of speeds that the C0 solution
-        has, and vertex rows at extraordinary vertices (paper Eq. 10-12). "g1" is exact along whole interfaces
+        has, and vertex rows at extraordinary vertices (paper Eq. 10 and 11). "g1" is exact along whole interfaces
         (analysis-suitable gluing) and needs splines with enough freedom: degree 3 or more, inner knots of C^(p - 2),
         two spans where the degree is 3 (`MultiPatch.elevate`, `split_spans`, `reduce_continuity`). See
         ``docs/continuity.md``.
@@ -89,6 +89,14 @@ def transfer(
         (``docs/stages/optimisation.md``).
     paper_options : PaperOptions, optional
         Choices of ``method="paper"``, each with the paper's section: see `PaperOptions`.
+    c1_share : float, optional
+        With continuity "c1": knots are inserted, in whole strips of patches, where interfaces are not C1, until this
+        part of their length is (the result's ``continuity.c1_share``); warnings say so, or what stops it. Default none:
+        where less than half is, a warning says so.
+    ratios : {"target", "source"}, default "target"
+        Whether continuity rows follow the speeds and frames of the C0 solution, or those of the source. The source's
+        are the same for all targets, so that all results lie in one linear space, but for rows that are released: what
+        is interpolated between two of them keeps the rows that both have.
 
     Returns
     -------
@@ -103,4 +111,5 @@ def transfer(
     NotCertifiedError, BoundaryMissedError
         See `on_failure`.
     """
-    return TransferPlan(source, continuity).transfer(target, landmarks, progress=progress, method=method, **options)
+    plan = TransferPlan(source, continuity, ratios=options.get("ratios") or "target")
+    return plan.transfer(target, landmarks, progress=progress, method=method, **options)
