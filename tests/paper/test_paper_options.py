@@ -44,7 +44,7 @@ def test_affine_maps_come_out_exact(name, a, chosen):
 
 
 def test_a_soft_boundary_keeps_even_the_identity_off():
-    """Why the alternation was off by 3e-3 to 6e-3: any finite weight lets the Dirichlet energies draw inwards."""
+    """Why the alternation was off: any finite weight lets the Dirichlet energies draw inwards."""
     mp = sources()["grid"]
     x = mp.topology.coordinates
     drifts, errors = [], []
