@@ -43,6 +43,7 @@ from .motion.deform import DeformResult as DeformResult
 from .motion.deform import deform as deform
 from .motion.morph import Morph as Morph
 from .motion.morph import morph as morph
+from .paper.options import PaperOptions as PaperOptions
 from .pipeline.plan import TransferPlan as TransferPlan
 from .pipeline.result import BoundaryMissedError as BoundaryMissedError
 from .pipeline.result import NotCertifiedError as NotCertifiedError

@@ -123,14 +123,21 @@ def test_degree_one_has_no_rows_and_says_so():
     assert any("4 of 4 interfaces are C0 only" in w and "patch 0" in w for w in result.warnings)
 
 
-def test_rows_without_freedom_are_named():
-    """Even valence, Bezier, degree 2: s_2 lies on the boundary and the twists alone cannot satisfy the rows."""
+def test_second_rows_without_freedom_are_combined():
+    """Even valence, Bezier, degree 2: s_2 lies on the boundary and the twists alone satisfy all rows but one."""
     mp = models.star(6, 2, 1)
     target, landmarks = targets.deformed(mp, targets.bend(mp, 30))
     result = keeps_its_rows(mp, target, landmarks)
-    assert len(result.rows.contradictory) == 6
-    assert any("6 continuity rows are not kept" in w for w in result.warnings)
-    assert result.to_dict()["continuity"]["rows"]["contradictory"][0].keys() == {"interface", "vertex"}
+    assert result.rows.contradictory == ()
+    assert result.rows.without == ()
+    assert sorted(result.rows.space.rows.order) == [0] * 6 + [1] * 5
+
+
+def test_rows_that_are_not_kept_are_named():
+    mp = models.star(6, 2, 1)
+    rows = replace(pt.transfer(mp, mp.boundary()).rows, contradictory=((0, 3), (2, 3)))
+    assert any("2 continuity rows are not kept" in w for w in rows.warnings(mp))
+    assert rows.to_dict()["contradictory"] == [{"interface": 0, "vertex": 3}, {"interface": 2, "vertex": 3}]
 
 
 def test_rows_that_the_boundary_contradicts_are_dropped():

@@ -46,7 +46,8 @@ def test_source_is_a_good_model_with_the_vertices_promised(name):
 def test_transfer_is_certified_and_on_the_target(name):
     result = pt.transfer(*examples.load(name))
     assert result.certificate.injective
-    assert result.warnings == ()
+    low = result.continuity.c1_share < 0.5
+    assert [warning.startswith("C1 across patches") for warning in result.warnings] == [True] * low
     assert result.boundary_error <= 1e-3
     assert result.quality.scaled_jacobian.mean >= 0.85
 

@@ -36,7 +36,8 @@ def test_transfer(plate):
     assert result.certificate.status == "certified"
     assert result.boundary_error <= 2e-4
     assert result.quality.scaled_jacobian.mean >= 0.93
-    assert not result.warnings
+    low = result.continuity.c1_share < 0.5
+    assert [warning.startswith("C1 across patches") for warning in result.warnings] == [True] * low
 
 
 def test_target_is_cut_elsewhere(plate):

@@ -65,6 +65,7 @@ def shown() -> dict[str, list[object]]:
         "Morph": [morph, *morph.frames],
         "LowerBounds": [result.dilatation.least],
         "MultiPatch": [mp, mp.topology, mp.vertices[0], mp.loops[0][0]],
+        "PaperOptions": [pt.PaperOptions(), pt.PaperOptions("dirichlet", literal_rows=True, boundary_weight=1.0)],
         "Parameterization": [pt.parameterize(rounds)],
         "Patch": [mp.patches[0], pt.Patch([[0, 0, 1, 1]] * 2, (1, 1), np.ones((2, 2, 2)), np.ones((2, 2)))],
         "ProvedQuality": [result.quality.proved],

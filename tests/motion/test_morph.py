@@ -100,7 +100,7 @@ def test_backwards_is_the_same(way):
 def test_frames_are_filled_anew_where_blends_fail():
     """Strong stretches both ways: the rigid blend folds inside on some frames, its boundary does not."""
     mp, _, _ = examples.load("wrench")
-    plan = pt.TransferPlan(mp)
+    plan = pt.TransferPlan(mp, "c0")
     a, b = (plan.transfer(*targets.deformed(mp, targets.stretch(f, 0))).multipatch for f in (4, 0.25))
     result = morph(a, b, 10, way="rigid")
     assert result.certified

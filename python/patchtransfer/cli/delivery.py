@@ -92,6 +92,8 @@ def summary(content: dict[str, Any], output: str | None) -> None:
         "residuals across patches",
         f"C0 {smooth['c0_gap']:.1e}   C1 rows {smooth['c1_residual']:.1e}   AS-G1 {smooth['as_g1_residual']:.1e}",
     )
+    why = "".join(f"; {reason} {part:.2g}" for reason, part in list(smooth["c1_obstacles"].items())[:2])
+    add("C1 across patches", f"{smooth['c1_share']:.2f} of the interfaces' length{why}")
     if smooth.get("rows") is not None:
         rows = smooth["rows"]
         add("continuity rows", f"{rows['active']} kept to {rows['residual']:.1e}, {rows['left_out']} left out")

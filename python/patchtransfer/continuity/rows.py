@@ -1,8 +1,8 @@
 """Stage 6, continuity rows: linear equations B u = 0 on the control points that make patches join smoothly.
 
 ``continuity="c1"``: C1 rows on the interfaces (Xu et al. 2023, Eq. 10, weighted by knot spans and speeds) and
-vertex rows at extraordinary vertices (Eq. 11–12, for any gluing data and knots). The derivation is in
-``docs/continuity.md``.
+vertex rows at extraordinary vertices (Eq. 11, for any gluing data and knots, and how fast the kink fades). The
+derivation is in ``docs/continuity.md``.
 """
 
 from __future__ import annotations
@@ -10,14 +10,16 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry.topology import Spoke, Topology, Vertex
+from ..geometry.topology import Spoke, Topology
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.compressed import Compressed, selected, summed
-from .interfaces import ControlRows, chord_ratios, frames
+from .interfaces import ControlRows, chord_ratios
+from .joint_ratios import JointRatios
+from .vertex_rows import VertexRows
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -43,13 +45,11 @@ class ContinuityRows:
     order : (m,) int array
         Which rows to keep first where not all can hold: lower numbers.
     left_out : int
-        C1 rows that were left out on purpose: at extraordinary vertices, where vertex rows stand in for them, at
-        the boundary, where they were released, and on interfaces without rows.
+        C1 rows that were left out on purpose: at extraordinary vertices, where vertex rows stand in for them, on
+        interfaces between these that are too short for them, at the boundary, where they were released, and on
+        interfaces without rows.
     without : tuple of int
         Interfaces that have no rows: taken from them, or of a degree below 2.
-    blocked : tuple of (interface, vertex)
-        Twist rows that were not formed: around a vertex of even valence the twists alone cannot satisfy them, and the
-        second point s_2 of the interface lies on the boundary.
     """
 
     entries: Compressed
@@ -59,7 +59,6 @@ class ContinuityRows:
     order: IntArray
     left_out: int
     without: tuple[int, ...]
-    blocked: tuple[tuple[int, int], ...] = ()
 
     def __len__(self) -> int:
         return len(self.slave)
@@ -89,16 +88,18 @@ class C1Rows:
 
     With A = ω_L p_L/h_L and B = ω_R p_R/h_R the C1 rows are s_j = (A L_j + B R_j) / (A + B). They are kept but for
     j = 0 at boundary vertices (two patches: all three points are fixed; more: the row would force tangents parallel
-    that the boundary keeps apart) and j = 0, 1 at extraordinary vertices, where `_VertexRows` stand in for them.
+    that the boundary keeps apart) and j = 0, 1 at extraordinary vertices, where `VertexRows` stand in for them.
 
     Parameters
     ----------
     topology : Topology
     control : tuple of ControlRows
         Of `control_rows`.
+    legs : bool, default True
+        Whether chords that end at smooth joints of the boundary take the ratio of the legs there; see `JointRatios`.
     """
 
-    def __init__(self, topology: Topology, control: tuple[ControlRows, ...]) -> None:
+    def __init__(self, topology: Topology, control: tuple[ControlRows, ...], legs: bool = True) -> None:
         self._topology, self._control = topology, control
         vertices = {vertex.point: vertex for vertex in topology.vertices}
         ends = [[vertices[int(r.curve[0])], vertices[int(r.curve[-1])]] for r in control]
@@ -111,10 +112,31 @@ class C1Rows:
         self._skipped = np.array(skipped, int).reshape(-1, 2)
         self._scales = np.array([[r.left_scale, r.right_scale] for r in control]).reshape(-1, 2)
         self._linear = np.array([r.lowest_degree < 2 for r in control], bool)
-        self._vertex_rows = _VertexRows(control, ends, self._linear, set(topology.boundary_points.tolist()))
+        self._vertex_rows = VertexRows(control, ends, self._linear)
+        self._last: tuple[FloatArray, FloatArray] | None = None
+        self._joint_ratios = JointRatios(topology, control if legs else ())
+
+    @property
+    def second_rows(self) -> frozenset[int]:
+        """Shared control points of the extraordinary vertices that get second rows."""
+        return self._vertex_rows.vertices
+
+    def _ratios(self, reference: FloatArray) -> FloatArray:
+        """ω_L / ω_R of all interfaces; kept for the map asked for last, whose rows may be made anew."""
+        last = self._last
+        if last is None or last[0] is not reference:
+            ratios = self._joint_ratios(chord_ratios(self._topology, self._control, reference), reference)
+            last = self._last = reference, ratios
+        return last[1]
 
     def __call__(
-        self, reference: FloatArray, released: Collection[Spoke] = (), without: Collection[int] = ()
+        self,
+        reference: FloatArray,
+        released: Collection[Spoke] = (),
+        without: Collection[int] = (),
+        relaxed: Collection[int] = (),
+        open_vertices: Collection[int] = (),
+        literal: bool = False,
     ) -> ContinuityRows:
         """C1 rows along the interfaces and vertex rows at extraordinary vertices.
 
@@ -126,6 +148,13 @@ class C1Rows:
             Interface ends where the row j = 1 is left out as well.
         without : collection of int
             Interfaces that get no rows at all.
+        relaxed : collection of int
+            Shared control points of extraordinary vertices that get fewer second rows (even valence), or whose second
+            rows follow the map's speeds at these rows instead of the chord's mean (odd; on few spans there are none).
+        open_vertices : collection of int
+            Those that get no second rows.
+        literal : bool, default False
+            The paper's 2 s - p - q = 0 (Eq. 10), whatever knot spans, degrees and speeds are.
 
         Returns
         -------
@@ -137,18 +166,20 @@ class C1Rows:
         for spoke in released:
             skipped[spoke.interface, int(spoke.at_end)] *= 2  # None at regular inner vertices.
         skipped = np.minimum(skipped, 2)
-        keep = (self._from_ends >= skipped[self._interface]).all(axis=1) & ~rowless[self._interface]
-        ratios = chord_ratios(self._topology, self._control, reference)
+        ratios = self._scales[:, 1] / self._scales[:, 0] if literal else self._ratios(reference)
+        second = self._vertex_rows.second(ratios, relaxed, open_vertices)
+        bare = rowless | self._vertex_rows.tangents_only(second)
+        keep = (self._from_ends >= skipped[self._interface]).all(axis=1) & ~bare[self._interface]
         weights = np.column_stack([ratios * self._scales[:, 0], self._scales[:, 1]])
         weights /= weights.sum(axis=1, keepdims=True)
         interface, columns = self._interface[keep], self._columns[keep]
         data = np.column_stack([weights[interface], -np.ones(len(interface))])
-        of_vertices = self._vertex_rows.of(ratios, reference, rowless)
-        m, at_vertices = len(columns), len(of_vertices.columns)
+        of_vertices = self._vertex_rows.of(ratios, reference, rowless, second, relaxed)
+        m, at_vertices = len(columns), len(of_vertices.vertex)
         entries = summed(
-            np.concatenate([np.repeat(np.arange(m), 3), np.repeat(m + np.arange(at_vertices), 7)]),
-            np.concatenate([columns.ravel(), of_vertices.columns.ravel()]),
-            np.concatenate([data.ravel(), of_vertices.data.ravel()]),
+            np.concatenate([np.repeat(np.arange(m), 3), m + of_vertices.row]),
+            np.concatenate([columns.ravel(), of_vertices.columns]),
+            np.concatenate([data.ravel(), of_vertices.data]),
             (m + at_vertices, self._topology.n_points),
         )
         none = np.full(len(interface), -1)
@@ -160,104 +191,8 @@ class C1Rows:
             order=np.concatenate([np.zeros_like(none), of_vertices.order]),
             left_out=int(len(keep) - keep.sum()),
             without=tuple(np.flatnonzero(rowless).tolist()),
-            blocked=of_vertices.blocked,
         )
 
 
 def _joined(blocks: list[IntArray], width: int) -> IntArray:
     return np.concatenate([np.empty((0, width), int), *blocks])
-
-
-class _Rows(NamedTuple):
-    """Vertex rows: coefficients (m, 7) of the points `columns`, and where they come from."""
-
-    columns: IntArray
-    data: FloatArray
-    interface: IntArray
-    vertex: IntArray
-    order: IntArray
-    blocked: tuple[tuple[int, int], ...]
-
-
-class _VertexRows:
-    """Two rows for every interface end at an extraordinary vertex: g = a D_L + b D_R - c C' and g' vanish there.
-
-    At an end only the points L_0, L_1, R_0, R_1, s_0, s_1, s_2, counted from it, matter. Arrays run over the ends.
-    """
-
-    def __init__(
-        self,
-        control: tuple[ControlRows, ...],
-        vertices: list[list[Vertex]],
-        linear: np.ndarray,
-        boundary: Collection[int],
-    ) -> None:
-        found = [(i, e) for i in range(len(control)) for e in (0, 1) if vertices[i][e].extraordinary and not linear[i]]
-        order = [slice(None, None, -1) if e else slice(None) for _, e in found]
-        rows = [control[i] for i, _ in found]
-        ends = list(zip(rows, order, strict=True))
-        self.interface = np.array([i for i, _ in found], int)
-        self.vertex = np.array([vertices[i][e].point for i, e in found], int)
-        self.points = _joined(
-            [np.concatenate([r.left[o][:2], r.right[o][:2], r.curve[o][:3]])[None] for r, o in ends], 7
-        )
-        self.scales = np.array([[r.left_scale, r.right_scale] for r in rows]).reshape(-1, 2)
-        # Values and derivatives at the end of its first three basis functions, the only ones that do not vanish.
-        basis = [[row[o][:3] for row in r.end_basis[e]] for (_, e), (r, o) in zip(found, ends, strict=True)]
-        self.value, self.slope, self.bend = np.array(basis).reshape(-1, 3, 3).transpose(1, 0, 2)
-        # Around a vertex of even valence the twists alone cannot satisfy g' = 0.
-        self.blocked = np.array(
-            [
-                vertices[i][e].valence % 2 == 0 and int(r.curve[o][2]) in boundary
-                for (i, e), (r, o) in zip(found, ends, strict=True)
-            ],
-            bool,
-        )
-        # Gluing data leave the vertex's values for the C1 rows' as fast as (1 - t/h)^(p - 1) does, h the first span: a
-        # slower transition spreads the kink (linear over two spans: half as much again on the samples). On a single
-        # span they are linear from one end to the other.
-        spans = [np.diff(r.breaks)[o] for r, o in ends]
-        single = np.array([len(h) == 1 for h in spans], bool)
-        rate = np.array([1.0 if len(h) == 1 else (r.degree - 1) / h[0] for r, h in zip(rows, spans, strict=True)])
-        self.rate = rate * np.array([-1.0 if e else 1.0 for _, e in found])
-        number = {end: k for k, end in enumerate(found)}
-        self.other = np.array([number.get((i, 1 - e), -1) for i, e in found], int)
-        self.other[~single] = -1
-
-    def of(self, ratios: FloatArray, reference: FloatArray, rowless: np.ndarray) -> _Rows:
-        """Rows for the ratios ω_L / ω_R of all interfaces and the frames of a map; none for those of `rowless`."""
-        ratio = ratios[self.interface]
-        regular = np.column_stack([2 * ratio / (1 + ratio), 2 / (1 + ratio), np.zeros(len(ratio))])
-        frame = self._frames(reference)
-        a, b, c = frame.T
-        towards = np.where(self.other[:, None] >= 0, frame[self.other], regular) if len(frame) else regular
-        a1, b1, c1 = (self.rate[:, None] * (towards - frame)).T
-        (left, right), v, d, h = self.scales.T, self.value, self.slope, self.bend
-        zero = np.zeros(len(frame))
-        across = (left * a * v[:, 0], right * b * v[:, 0])
-        zeroth = [across[0], zero, across[1], zero, -across[0] - across[1] - c * d[:, 0], -c * d[:, 1], zero]
-        across_l = (left * (a1 * v[:, 0] + a * d[:, 0]), left * a * d[:, 1])
-        across_r = (right * (b1 * v[:, 0] + b * d[:, 0]), right * b * d[:, 1])
-        along = [-across_l[k] - across_r[k] - c1 * d[:, k] - c * h[:, k] for k in (0, 1)]
-        first = [*across_l, *across_r, *along, -c * h[:, 2]]
-        data = np.array([zeroth, first]).transpose(2, 0, 1)
-        data /= np.linalg.norm(data, axis=2, keepdims=True)
-        there = ~rowless[self.interface]
-        keep = np.column_stack([there, there & ~self.blocked])
-        end, order = np.nonzero(keep)
-        blocked = there & self.blocked
-        return _Rows(
-            self.points[end],
-            data[end, order],
-            self.interface[end],
-            self.vertex[end],
-            order,
-            tuple(zip(self.interface[blocked].tolist(), self.vertex[blocked].tolist(), strict=True)),
-        )
-
-    def _frames(self, points: FloatArray) -> FloatArray:
-        """Gluing data (a, b, c) of a map at the ends."""
-        x = points[self.points]
-        left, right = (self.scales[:, k, None] * (x[:, 2 * k] - x[:, 4]) for k in (0, 1))
-        tangent = (self.slope[:, :, None] * x[:, 4:]).sum(axis=1)
-        return frames(left, right, tangent)

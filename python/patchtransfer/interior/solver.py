@@ -31,10 +31,12 @@ from .optimizer import (
     optimize_with_ladder,
     step_cost,
 )
-from .under_rows import ROW_ROUNDS, ActiveRows, best_under_rows, optimize_under_rows, rows_summary
+from .spoilt import SPOILT, spoilt_vertices
+from .under_rows import ROW_ROUNDS, ActiveRows, MakeRows, best_under_rows, optimize_under_rows, rows_summary
 
 if TYPE_CHECKING:
     from ..paper.method import PaperHistory
+    from ..paper.options import PaperOptions
 
 __all__ = ["CONTINUITY", "InteriorMap", "InteriorSolver"]
 
@@ -97,12 +99,17 @@ class InteriorSolver:
     continuity : {"c0", "c1", "g1"}
     reference : sequence of Patch, optional
         Maps that distortion is measured against; default the source's own patches.
+    ratios : {"target", "source"}, default "target"
+        Whether rows follow the speeds and frames of the map that they are for, or those of the source.
     """
 
-    def __init__(self, source: MultiPatch, continuity: str, reference: Sequence[Patch] | None = None) -> None:
-        self.source, self.continuity, self.reference = source, continuity, reference
+    def __init__(
+        self, source: MultiPatch, continuity: str, reference: Sequence[Patch] | None = None, ratios: str = "target"
+    ) -> None:
+        self.source, self.continuity, self.reference, self.ratios = source, continuity, reference, ratios
         self._control = () if continuity == "c0" else control_rows(source.topology)
-        self._c1 = C1Rows(source.topology, self._control)
+        # Exact G1 has no use for the legs' ratio: its own may vary along an interface.
+        self._c1 = C1Rows(source.topology, self._control, legs=(continuity, ratios) == ("c1", "target"))
         self._linear = frozenset(i for i, r in enumerate(self._control) if r.lowest_degree < 2)
         self._degenerate = degenerate_corners(source.patches if reference is None else reference)
         #: Of a Newton step on the source's own nodes; see `SplineOptimizer`.
@@ -234,6 +241,7 @@ class InteriorSolver:
                     points,
                     check,
                     progress,
+                    looser=partial(self._looser, points, log) if level == "c1" else None,
                     release=level == "c1",
                     rounds=rounds,
                     budget=budget,
@@ -247,21 +255,35 @@ class InteriorSolver:
         return InteriorMap(points, certificate, log, [], rows), complete
 
     def paper(
-        self, start: FloatArray, clock: Clock, budget: Budget, boundary: BoundaryReport | None = None
+        self,
+        start: FloatArray,
+        clock: Clock,
+        budget: Budget,
+        boundary: BoundaryReport | None = None,
+        options: PaperOptions | None = None,
     ) -> InteriorMap:
-        """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
-        from ..paper.method import paper_map  # Triangle meshes need SciPy, whose import takes longer than most maps.
+        """The published method on the triangulated control net (paper §3.3), without rows and then under them.
 
+        The passes under rows start from the map without them: the first map, which takes longest, is found once.
+        """
+        # Triangle meshes need SciPy, whose import takes longer than most maps.
+        from ..paper.method import DEFAULTS, paper_map
+
+        options = options or DEFAULTS
         topology = self.source.topology
-        mapped = paper_map(topology, start, stage=clock, budget=budget)
+        mapped = paper_map(topology, start, options=options, stage=clock, budget=budget)
+        passes: tuple[PaperHistory, ...] = (mapped.history,)
+        make_rows = partial(self._rows, literal=options.literal_rows)
 
         points, log, rows = mapped.points, list(mapped.log), None
         certificate = self.certify(points, clock, boundary)
         check = partial(self.certify, clock=clock, boundary=certificate.boundary)
 
         def solve(space: RowSpace, near: FloatArray) -> tuple[FloatArray, Certificate, list[str]]:
-            nonlocal mapped
-            mapped = paper_map(topology, space.project(near), space.basis, stage=clock, budget=budget)
+            nonlocal mapped, passes
+            first = space.project(near)
+            mapped = paper_map(topology, first, space.basis, options=options, given=first, stage=clock, budget=budget)
+            passes = (*passes, mapped.history.after(passes, len(space.rows)))
             return mapped.points, check(mapped.points), mapped.log
 
         for level in self._levels:
@@ -271,7 +293,7 @@ class InteriorSolver:
                 if certificate.injective:
                     points, certificate, under, rows = optimize_under_rows(
                         topology,
-                        partial(self._rows, level, points),
+                        partial(make_rows, level, points),
                         solve,
                         points,
                         check,
@@ -280,12 +302,12 @@ class InteriorSolver:
                     )
                 else:
                     # A folded map has no frames to follow: take the source's.
-                    space = row_space(self._rows(level, topology.coordinates), topology.interior_points, start)
+                    space = row_space(make_rows(level, topology.coordinates), topology.interior_points, start)
                     points, certificate, under = solve(space, start)
                     under = [f"under {len(space.rows)} rows with the source's frames, {entry}" for entry in under]
                     rows = rows_summary(topology, space, points)
             log += under
-        return InteriorMap(points, certificate, log, mapped.notes, rows, mapped.history)
+        return InteriorMap(points, certificate, log, mapped.notes, rows, passes[-1])
 
     def harmonic(
         self, start: FloatArray, clock: Clock, reason: str, boundary: BoundaryReport | None = None
@@ -368,6 +390,31 @@ class InteriorSolver:
             cache[key].set_basis(null_space)
         return cache[key]
 
+    def _looser(
+        self, reference: FloatArray, log: list[str], tried: int, points: FloatArray, rows: ActiveRows
+    ) -> MakeRows | None:
+        """C1 rows with second rows that are relaxed, and then without them, at vertices where these spoil a map.
+
+        Each choice may spoil a patch by half of what the one before may, for the kink grows from one to the next.
+        """
+        before, after = (self.source.with_shared_points(x) for x in (reference, points))
+        lost = self._linear.symmetric_difference(rows.without)
+        found = self._c1.second_rows & spoilt_vertices(before, after, lost, SPOILT**tried)
+        if tried > 2 or not found:
+            return None
+        places = ", ".join(f"({x:.4g}, {y:.4g})" for x, y in reference[sorted(found)].tolist())
+        way = "are relaxed" if tried == 1 else "are left out, all others relaxed"
+        log.append(f"rows spoil patches: the second ones at the extraordinary vertices {places} {way}")
+
+        followed = self._followed(reference)
+
+        def make(released: Collection[Spoke], without: Collection[int]) -> ContinuityRows:
+            if tried == 1:
+                return self._c1(followed, released, without, relaxed=found)
+            return self._c1(followed, released, without, relaxed=self._c1.second_rows, open_vertices=found)
+
+        return make
+
     @property
     def _levels(self) -> tuple[str, ...]:
         """Exact G1 follows the frames of a map with C1 rows."""
@@ -379,11 +426,17 @@ class InteriorSolver:
         reference: FloatArray,
         released: Collection[Spoke] = (),
         without: Collection[int] = (),
+        literal: bool = False,
     ) -> ContinuityRows:
-        """Continuity rows that follow the speeds and frames of a reference map."""
+        """Continuity rows that follow the speeds and frames of a reference map; C1 ones literally as the paper's."""
+        followed = self._followed(reference)
         if level.startswith("g1"):
-            return g1_rows(self.source.topology, self._control, reference, without, linear=level == "g1 linear")
-        return self._c1(reference, released, without)
+            return g1_rows(self.source.topology, self._control, followed, without, linear=level == "g1 linear")
+        return self._c1(followed, released, without, literal=literal)
+
+    def _followed(self, reference: FloatArray) -> FloatArray:
+        """The map whose speeds and frames rows follow."""
+        return self.source.topology.coordinates if self.ratios == "source" else reference
 
 
 def _figures(found: OptimizedMap) -> str:

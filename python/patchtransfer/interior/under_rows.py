@@ -23,13 +23,12 @@ from ..numeric.arrays import FloatArray, distinct
 from ..progress import Budget, Progress
 from ..proof.certificate import Certificate
 from .optimizer import Certify, SplineOptimizer, optimize_with_ladder
+from .spoilt import SPOILT
 
-__all__ = ["ActiveRows", "MakeRows", "Solve", "best_under_rows", "optimize_under_rows", "rows_summary"]
+__all__ = ["ActiveRows", "LooserRows", "MakeRows", "Solve", "best_under_rows", "optimize_under_rows", "rows_summary"]
 
 #: A corner collapses when its scaled Jacobian falls below this fraction of the reference's.
 COLLAPSED = 0.8
-#: A choice of rows costs too much when the smallest determinant falls below this fraction of the reference's.
-SPOILT = 0.5
 #: Rows whose residual is below this fraction of the diameter are kept.
 KEPT = 1e-10
 #: Rounds of taking rows from interfaces.
@@ -47,8 +46,9 @@ class ActiveRows:
     residual : float
         Their largest residual, relative to the diameter.
     left_out : int
-        C1 rows that are left out: at extraordinary vertices, where vertex rows stand in for them, at the boundary,
-        where they were released, and on interfaces without rows.
+        C1 rows that are left out: at extraordinary vertices, where vertex rows stand in for them, on interfaces
+        between these that are too short for them, at the boundary, where they were released, and on interfaces
+        without rows.
     released : tuple of (interface, (x, y))
         Boundary vertices where the row j = 1 was left out as well, because a corner collapsed under it.
     without : tuple of int
@@ -132,6 +132,9 @@ MakeRows = Callable[[Collection[Spoke], Collection[int]], ContinuityRows]
 #: ``solve(space, start)`` gives points, certificate and log.
 Solve = Callable[[RowSpace, FloatArray], tuple[FloatArray, Certificate, list[str]]]
 Outcome = tuple[FloatArray, Certificate, list[str], ActiveRows]
+#: ``looser(tried, points, rows)`` gives a further choice, if there is one, where the map found under the last of those
+#: `tried` costs too much.
+LooserRows = Callable[[int, FloatArray, ActiveRows], MakeRows | None]
 
 
 def best_under_rows(
@@ -142,6 +145,7 @@ def best_under_rows(
     certify: Certify,
     progress: Progress | None = None,
     *,
+    looser: LooserRows | None = None,
     release: bool = True,
     rounds: int = ROW_ROUNDS,
     budget: Budget | None = None,
@@ -149,26 +153,27 @@ def best_under_rows(
     """Optimise the spline under the first choice of rows, and under the next where that costs too much.
 
     That is where interfaces lost their rows, or the smallest determinant fell below half of the reference's. Among the
-    choices tried the one with most interfaces, then with least distortion, is kept. Parameters as of
-    `optimize_under_rows`; ``make(null_space=..., nodes_per_degree=..., extra_nodes=...)`` gives an optimizer.
+    choices tried the one with most interfaces, then with least distortion, is kept. `looser` is asked for more after
+    the last. Parameters as of `optimize_under_rows`; ``make(null_space=..., nodes_per_degree=..., extra_nodes=...)``
+    gives an optimizer.
     """
     budget = budget or Budget()
     solve = _ladder(topology, make, certify, progress, budget)
     tried: list[tuple[tuple[int, float], Outcome]] = []
     log: list[str] = []
-    for make_rows in choices:
+    plain, waiting = make(), list(choices)
+    while waiting:
         found = optimize_under_rows(
-            topology, make_rows, solve, reference, certify, release=release, rounds=rounds, budget=budget
+            topology, waiting.pop(0), solve, reference, certify, release=release, rounds=rounds, budget=budget
         )
-        if len(choices) == 1:
-            return found
-        plain = make()
         log += found[2]
         missing = len(found[3].without) + len(found[3].contradictory)
         tried.append(((missing, plain.minimise(found[0], max_steps=0).energy), found))
         least = [plain.minimum_determinant(points) for points in (found[0], reference)]
         if budget.expired() or (not missing and least[0] >= SPOILT * least[1]):
             break
+        if not waiting and looser is not None and (further := looser(len(tried), found[0], found[3])):
+            waiting.append(further)
     points, certificate, _, rows = min(tried, key=lambda entry: entry[0])[1]
     if len(tried) > 1:
         log.append(f"{len(tried)} choices of rows were tried, the one of least distortion is kept")
@@ -368,6 +373,6 @@ def rows_summary(
         left_out=space.rows.left_out,
         released=tuple(ends),
         without=space.rows.without,
-        contradictory=tuple(sorted({*space.contradictory, *space.rows.blocked})),
+        contradictory=tuple(sorted(space.contradictory)),
         space=space,
     )

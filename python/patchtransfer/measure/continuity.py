@@ -19,6 +19,7 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.sides import Interface, Side
 from ..numeric.arrays import FloatArray
 from .interface_samples import InterfaceGroup, InterfaceLayout, Measured, coordinates, interface_layout, measure, norms
+from .smooth_spans import InterfaceSpans, c1_share, obstacles, smooth_spans
 
 __all__ = ["ContinuityReport", "InterfaceContinuity", "Kink", "VertexContinuity", "check_continuity"]
 
@@ -54,6 +55,10 @@ class InterfaceContinuity(NamedTuple):
     gluing : tuple of 7 float
         The best gluing data: a(0), a(1), b(0), b(1) and the Bernstein coefficients of c, of unit norm, for
         cross derivatives and tangent divided by their largest lengths and the interface mapped to [0, 1].
+    c1_share : float
+        The part of its length that is C1, as in :class:`ContinuityReport`.
+    c1_obstacles : tuple of str
+        What keeps the rest from being C1, the longest part first.
     """
 
     interface: Interface
@@ -64,6 +69,8 @@ class InterfaceContinuity(NamedTuple):
     kink: Kink
     as_g1_residual: float
     gluing: tuple[float, ...]
+    c1_share: float
+    c1_obstacles: tuple[str, ...]
 
     @property
     def gluing_positive(self) -> bool:
@@ -84,6 +91,8 @@ class InterfaceContinuity(NamedTuple):
             "as_g1_residual": self.as_g1_residual,
             "gluing": list(self.gluing),
             "gluing_positive": self.gluing_positive,
+            "c1_share": self.c1_share,
+            "c1_obstacles": list(self.c1_obstacles),
         }
 
 
@@ -140,6 +149,12 @@ class ContinuityReport:
         Mean and maximum over all samples of all interfaces.
     as_g1_residual : float
         0 up to rounding for analysis-suitable G1 parameterizations.
+    c1_share : float
+        The part of the interfaces' length on which the derivatives across them are opposite with one constant ratio
+        on every knot span, to 1e-8. 1 without interfaces.
+    c1_obstacles : dict of str to float
+        What keeps the rest from being C1, with the part of the length, the longest first: extraordinary vertices,
+        boundary vertices, rows that are left out or not kept.
     interfaces : tuple of InterfaceContinuity
         In the order of the multi-patch.
     vertices : tuple of VertexContinuity
@@ -152,6 +167,9 @@ class ContinuityReport:
     kink_deg: Kink
     as_g1_residual: float
     vertices: tuple[VertexContinuity, ...]
+    c1_share: float
+    c1_obstacles: dict[str, float]
+    _spans: tuple[InterfaceSpans, ...]
     _interfaces: tuple[Interface, ...]
     # Numbers of every interface in the order of `InterfaceContinuity`, the kink as mean, maximum and t.
     _table: FloatArray
@@ -166,11 +184,12 @@ class ContinuityReport:
     def interfaces(self) -> tuple[InterfaceContinuity, ...]:
         """Every interface, in the order of the multi-patch."""
         reports = []
-        for f, (gap, c1, c1_all, ratio, mean, most, t, as_g1, *gluing) in zip(
-            self._interfaces, self._table.tolist(), strict=True
+        for f, spans, (gap, c1, c1_all, ratio, mean, most, t, as_g1, *gluing) in zip(
+            self._interfaces, self._spans, self._table.tolist(), strict=True
         ):
             kink = Kink(mean, most, (f.patch_a, f.side_a, t))
-            reports.append(InterfaceContinuity(f, gap, c1, c1_all, ratio, kink, as_g1, tuple(gluing)))
+            why = tuple(obstacles((spans,)))
+            reports.append(InterfaceContinuity(f, gap, c1, c1_all, ratio, kink, as_g1, tuple(gluing), spans.share, why))
         return tuple(reports)
 
     def __eq__(self, other: object) -> bool:
@@ -189,6 +208,8 @@ class ContinuityReport:
             "c1_residual_all": self.c1_residual_all,
             "kink_deg": self.kink_deg.to_dict(),
             "as_g1_residual": self.as_g1_residual,
+            "c1_share": self.c1_share,
+            "c1_obstacles": self.c1_obstacles,
             "interfaces": [f.to_dict() for f in self.interfaces],
             "extraordinary_vertices": [v.to_dict() for v in self.vertices],
         }
@@ -209,7 +230,7 @@ def check_continuity(mp: MultiPatch, samples: int = 20) -> ContinuityReport:
     Returns
     -------
     ContinuityReport
-        Without interfaces all numbers are 0.
+        Without interfaces all numbers are 0, but for a share of C1 of 1.
 
     Raises
     ------
@@ -239,7 +260,7 @@ def check_continuity(mp: MultiPatch, samples: int = 20) -> ContinuityReport:
     (`gluing_positive`).
     """
     if not mp.interfaces:
-        return ContinuityReport(0.0, 0.0, 0.0, Kink(0.0, 0.0, None), 0.0, (), (), np.empty((0, 15)))
+        return ContinuityReport(0.0, 0.0, 0.0, Kink(0.0, 0.0, None), 0.0, (), 1.0, {}, (), (), np.empty((0, 15)))
     layout = interface_layout(mp.topology)
     control = coordinates(mp)
     found = [measure(group, control, samples) for group in layout.groups]
@@ -253,6 +274,7 @@ def check_continuity(mp: MultiPatch, samples: int = 20) -> ContinuityReport:
     f = mp.interfaces[worst]
     count = sum(int(measured.count.sum()) for measured in found)
     total = sum(float(measured.angle_sum.sum()) for measured in found)
+    spans = smooth_spans(mp)
     kink = Kink(total / max(count, 1), float(most[worst]), (f.patch_a, f.side_a, float(at[worst])))
     return ContinuityReport(
         c0_gap=float(gap.max()),
@@ -261,6 +283,9 @@ def check_continuity(mp: MultiPatch, samples: int = 20) -> ContinuityReport:
         kink_deg=kink,
         as_g1_residual=float(as_g1.max()),
         vertices=_vertex_reports(mp, layout, ends),
+        c1_share=c1_share(spans),
+        c1_obstacles=obstacles(spans),
+        _spans=spans,
         _interfaces=mp.interfaces,
         _table=table,
     )

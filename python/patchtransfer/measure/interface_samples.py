@@ -21,7 +21,17 @@ from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.dense import product, svd
 from .best_gluing import OF_VECTOR, factors, nearest_to_one
 
-__all__ = ["InterfaceGroup", "InterfaceLayout", "Measured", "coordinates", "interface_layout", "measure", "norms"]
+__all__ = [
+    "InterfaceGroup",
+    "InterfaceLayout",
+    "Measured",
+    "coordinates",
+    "cross_derivatives",
+    "curve_derivatives",
+    "interface_layout",
+    "measure",
+    "norms",
+]
 
 #: Singular values of the gluing data's equations below this part of the largest are rounding.
 ZERO = 1e-12
@@ -144,9 +154,9 @@ def measure(group: InterfaceGroup, control: FloatArray, samples: int) -> Measure
         scale[:, None, None] * (inner - side)
         for scale, inner, side in zip(group.scales, (next_a, next_b), (side_a, side_b), strict=True)
     )
-    tangent, bend = _curve(side_a, basis)[1:]
-    first, turn_a = _across(side_a, slope_a, basis)
-    second, turn_b = _across(side_b, slope_b, basis)
+    tangent, bend = curve_derivatives(side_a, basis)[1:]
+    first, turn_a = cross_derivatives(side_a, slope_a, basis)
+    second, turn_b = cross_derivatives(side_b, slope_b, basis)
     dot = -(first * second).sum(axis=2)
     cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
     length_a, length_b = norms(first), norms(second)
@@ -157,7 +167,9 @@ def measure(group: InterfaceGroup, control: FloatArray, samples: int) -> Measure
     gaps = norms(_projected(side_a) - _projected(side_b)).max(axis=1)
     if group.rational:
         # Control points decide (0 when bit-equal); weights that differ can open a gap between them.
-        gaps = np.maximum(gaps, norms(_curve(side_a, basis)[0] - _curve(side_b, basis)[0]).max(axis=1))
+        gaps = np.maximum(
+            gaps, norms(curve_derivatives(side_a, basis)[0] - curve_derivatives(side_b, basis)[0]).max(axis=1)
+        )
     peak = angles.argmax(axis=1)
     return Measured(
         across=(first, second) if group.rational else (slope_a[..., :2], slope_b[..., :2]),
@@ -182,7 +194,7 @@ def _projected(h: FloatArray) -> FloatArray:
     return h if h.shape[-1] == 2 else h[..., :2] / h[..., 2:]
 
 
-def _curve(h: FloatArray, basis: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def curve_derivatives(h: FloatArray, basis: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """C, C' and C'' of curves with coefficients (k, n, 2), or homogeneous ones (k, n, 3)."""
     value, slope, curvature = (product(b, h) for b in basis)
     if h.shape[-1] == 2:
@@ -194,7 +206,7 @@ def _curve(h: FloatArray, basis: tuple[FloatArray, ...]) -> tuple[FloatArray, Fl
     return point, tangent, bend
 
 
-def _across(h: FloatArray, e: FloatArray, basis: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray]:
+def cross_derivatives(h: FloatArray, e: FloatArray, basis: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray]:
     """Cross derivative D and its derivative along the side, from side `h` and its step `e` inwards."""
     inward, inward_slope = (product(b, e) for b in basis[:2])
     if h.shape[-1] == 2:

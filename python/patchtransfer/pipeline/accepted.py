@@ -8,23 +8,28 @@ from ..geometry.conformity.coincidences import between_parts
 from ..geometry.multipatch import MultiPatch
 from ..interior.solver import CONTINUITY
 from ..proof.source_corners import certify_straight
+from .options import CHOICES
 
 __all__ = ["accepted"]
 
 
-def accepted(source: MultiPatch, continuity: str) -> tuple[MultiPatch, list[str]]:
+def accepted(source: MultiPatch, continuity: str, ratios: str) -> tuple[MultiPatch, list[str]]:
     """The source with shared points, certified injective, and notes on straight corners that were put straight.
 
     Raises
     ------
     InputError
         On a source that cannot be transferred: no multi-patch, rational, disconnected, folded (naming the patch), or
-        without the freedom that "g1" needs; and on another continuity than "c0", "c1" and "g1".
+        without the freedom that "g1" needs; on another continuity than "c0", "c1" and "g1", and on other ratios.
     """
     if not isinstance(source, MultiPatch):
         raise InputError(f"source must be a MultiPatch (see read), got {type(source).__name__}")
     if continuity not in CONTINUITY:
         raise InputError(f"continuity must be one of {', '.join(CONTINUITY)}, got {continuity!r}")
+    if ratios not in CHOICES["ratios"]:
+        raise InputError(f"ratios must be one of {', '.join(CHOICES['ratios'])}, got {ratios!r}")
+    if (continuity, ratios) == ("g1", "source"):
+        raise InputError('ratios="source" is for continuity="c1": gluing data of the source fit no exact G1 map')
     if source.is_rational:
         rational = [k for k, patch in enumerate(source.patches) if patch.weights is not None]
         raise InputError(

@@ -114,7 +114,7 @@ def solve(posed: Posed, boundary: SourceBoundary, interior: InteriorSolver, run:
     if posed.failure is not None:
         return posed, interior.harmonic(start, run.clock, posed.failure.reason, posed.report)
     if run.options.method == "paper":
-        return posed, interior.paper(start, run.clock, run.budget, posed.report)
+        return posed, interior.paper(start, run.clock, run.budget, posed.report, run.options.paper_options)
     report = check_boundary(boundary.curves(start), posed.report)
     if report.simple:
         return posed, interior.certified(start, posed.degenerate, run.progress, run.clock, run.budget, report)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import KW_ONLY, dataclass, fields, replace
 from numbers import Real
-from typing import Self, TypedDict, cast
+from typing import TYPE_CHECKING, Self, TypedDict, cast
 
 from ..errors import InputError
 from ..progress import Budget, Clock, Progress
+
+if TYPE_CHECKING:
+    from ..paper.options import PaperOptions
 
 __all__ = ["CHOICES", "MISSED", "Options", "Run", "SearchOptions", "TransferOptions", "options_of"]
 
@@ -21,6 +24,7 @@ CHOICES = {
     "mirror": ("never", "auto"),
     "correspondence": ("best", "runner-up"),
     "on_failure": ("raise", "return"),
+    "ratios": ("target", "source"),
 }
 
 
@@ -35,6 +39,9 @@ class SearchOptions(TypedDict, total=False):
     correspondence: str
     on_failure: str
     time_limit: float | None
+    paper_options: PaperOptions | None
+    c1_share: float | None
+    ratios: str | None
 
 
 class TransferOptions(SearchOptions, total=False):
@@ -63,26 +70,46 @@ class Options:
     correspondence: str = "best"
     on_failure: str = "raise"
     time_limit: float | None = None
+    paper_options: PaperOptions | None = None
+    c1_share: float | None = None
+    ratios: str | None = None
 
     def __post_init__(self) -> None:
         for name, choices in CHOICES.items():
-            if getattr(self, name) not in choices:
-                raise InputError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
+            value = getattr(self, name)
+            if value not in choices and not (name == "ratios" and value is None):
+                raise InputError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
         if not (_number(self.fit_tolerance) and 0 < self.fit_tolerance < 1):
             raise InputError(f"fit_tolerance must lie between 0 and 1, got {self.fit_tolerance!r}")
         # A comparison with NaN is false as well.
         if self.time_limit is not None and not (_number(self.time_limit) and self.time_limit > 0):
             raise InputError(f"time_limit must be a positive number of seconds, or None, got {self.time_limit!r}")
+        if self.c1_share is not None and not (_number(self.c1_share) and 0 < self.c1_share <= 1):
+            raise InputError(f"c1_share must lie between 0 and 1, or be None, got {self.c1_share!r}")
+        if self.method == "paper" and self.c1_share is not None:
+            raise InputError('c1_share inserts knots with method="certified" only; leave it out')
         if self.method == "paper" and self.fixed_correspondence is not None and not self.fixed_correspondence:
             raise InputError('joints slide with method="certified" only; leave fixed_correspondence out')
+        if self.paper_options is not None:
+            self._check_paper_options()
+
+    def _check_paper_options(self) -> None:
+        from ..paper.options import PaperOptions  # Transfers by the other method load nothing of this one.
+
+        if not isinstance(self.paper_options, PaperOptions):
+            raise InputError(f"paper_options must be PaperOptions, got {type(self.paper_options).__name__}")
+        if self.method != "paper":
+            raise InputError('paper_options go with method="paper" only; ask for it, or leave them out')
 
     def __repr__(self) -> str:
         # What is not a default says what a run was about.
         given = [f.name for f in fields(self) if getattr(self, f.name) != f.default]
         return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!r}' for name in given)})"
 
-    def decided(self) -> Self:
-        """The options with their default for joints: the paper's stay where they are put."""
+    def decided(self, continuity: str) -> Self:
+        """The options for a plan of this continuity, with their default for joints: the paper's stay where they are."""
+        if self.c1_share is not None and continuity != "c1":
+            raise InputError(f'c1_share is for continuity="c1", this plan has "{continuity}"; leave it out')
         if self.fixed_correspondence is not None:
             return self
         return replace(self, fixed_correspondence=self.method == "paper")
@@ -140,9 +167,11 @@ class Run:
     progress: Progress | None = None
 
     @classmethod
-    def of(cls, given: TransferOptions, step_cost: float, progress: Progress | None = None) -> Run:
-        """For options as keyword arguments, and a source on which a Newton step costs `step_cost`."""
-        options = options_of(given).decided()
+    def of(
+        cls, given: TransferOptions, step_cost: float, progress: Progress | None = None, continuity: str = "c1"
+    ) -> Run:
+        """For options as keyword arguments, and a plan of this continuity on which a Newton step costs `step_cost`."""
+        options = options_of(given).decided(continuity)
         return cls(options, Clock(progress), Budget.of_source(step_cost, options.time_limit).part(TRANSFER), progress)
 
     def part(self, share: float) -> Run:

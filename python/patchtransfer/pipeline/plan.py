@@ -7,6 +7,7 @@ takes and returns plain values.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Unpack
@@ -25,18 +26,19 @@ from ..progress import FIRST, Progress
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from ..registration.register import Registration
 from .accepted import accepted
-from .divisions import Division, SourceSplit, cut, divided_again, with_corners_opened, without
+from .divisions import Division, SourceSplit, cut, divided_again, with_corners_opened
 from .inside import attempt
 from .mirrored import MIRROR_IMAGE, POOR, Reflection, mirrored_rows, of_own_sides, reflected, told
-from .opening import smooth_corners, superfluous_ears
+from .opening import smooth_corners
 from .options import Run, TransferOptions
 from .posed import Registered
 from .refilled import Refilled, filled, frozen
-from .refined import finer
+from .refined import finer, refined_note
 from .result import TransferResult, failure_of, split_advice
 from .sliding import movable_joints
+from .smoother import Finer, smoothed
 from .source_boundary import SourceBoundary
-from .split_or_whole import better, split_note, vain_note
+from .split_or_whole import split_or_whole
 from .splitting import onto_split, with_near_joints_moved
 from .tasks import TransferTask, in_order
 
@@ -51,8 +53,6 @@ REFINEMENTS = 6
 HALF = 0.5
 #: What a step on a source with a knot more in every span costs, in steps on the source itself.
 FINER = 4
-#: Part of it for a source that was divided for its target, where another way to divide it, or none, comes after.
-DIVIDED = 0.4
 
 
 class TransferPlan:
@@ -64,6 +64,8 @@ class TransferPlan:
     continuity : {"c0", "c1", "g1"}, default "c1"
     reference : sequence of Patch, optional
         Maps that distortion is measured against, one a patch on the same knots; default the source's own patches.
+    ratios : {"target", "source"}, default "target"
+        Speeds and frames that continuity rows follow, as in `patchtransfer.transfer`.
 
     Attributes
     ----------
@@ -78,15 +80,21 @@ class TransferPlan:
         freedom that "g1" needs.
     """
 
-    def __init__(self, source: MultiPatch, continuity: str = "c1", *, reference: Sequence[Patch] | None = None) -> None:
-        self._welded, self._notes = accepted(source, continuity)
+    def __init__(
+        self,
+        source: MultiPatch,
+        continuity: str = "c1",
+        *,
+        reference: Sequence[Patch] | None = None,
+        ratios: str = "target",
+    ) -> None:
+        self._welded, self._notes = accepted(source, continuity, ratios)
         # Put straight where rounding had bent it, which a note says; else as given.
         self.source = source = self._welded if self._notes else source
-        self.continuity = continuity
-        self.reference = reference
+        self.continuity, self.ratios, self.reference = continuity, ratios, reference
         topology = source.topology
         self._boundary = SourceBoundary(self._welded.boundary().loops, topology)
-        self._interior = InteriorSolver(source, continuity, reference)
+        self._interior = InteriorSolver(source, continuity, reference, ratios)
         self.split: SourceSplit | None = None
         self._unsplit: Unsplit | None = None
 
@@ -102,7 +110,9 @@ class TransferPlan:
         **options: Unpack[TransferOptions],
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
-        run = Run.of(options, self._interior.step_cost, progress)
+        run = Run.of(options, self._interior.step_cost, progress, self.continuity)
+        if run.options.ratios not in (None, self.ratios):
+            return self._of_other_ratios.transfer(target, landmarks, progress=progress, **options)
         try:
             plan, registered = self._faced(target, landmarks, run)
         except InfeasibleTargetError as error:
@@ -111,8 +121,10 @@ class TransferPlan:
                 error.args = (f"{error}; {MIRROR_IMAGE}", *error.args[1:])
             raise
         given = landmarks if plan is self else mirrored_rows(landmarks)
-        search = plan._searched_split if run.options.split == "auto" else plan._searched
-        result = search(registered, given, run)
+        if run.options.split == "auto":
+            result = split_or_whole(plan, registered, given, run)
+        else:
+            result = plan._searched(registered, given, run)
         if plan is not self:
             result = told(result, self.source)
         elif not result.succeeded or registered.registration.loops[0].score > POOR:
@@ -125,6 +137,19 @@ class TransferPlan:
         if failure is not None:
             raise failure
         return result
+
+    def _alike(self, source: MultiPatch, reference: Sequence[Patch] | None) -> TransferPlan:
+        """A plan for another source that is made as this one is."""
+        return TransferPlan(source, self.continuity, reference=reference, ratios=self.ratios)
+
+    @cached_property
+    def _of_other_ratios(self) -> TransferPlan:
+        plan = copy(self)
+        plan.__dict__.pop("_mirrored", None)
+        plan._unsplit = self._unsplit and self._unsplit._replace(plan=self._unsplit.plan._of_other_ratios)
+        plan.ratios = "target" if self.ratios == "source" else "source"
+        plan._interior = InteriorSolver(self.source, self.continuity, self.reference, plan.ratios)
+        return plan
 
     def _faced(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> tuple[TransferPlan, Registered]:
         """The correspondence, and the plan that it is of: this one's or, if asked for, its mirror image's."""
@@ -168,7 +193,7 @@ class TransferPlan:
         if self._unsplit is None:
             source = self.source
             turned = MultiPatch(reflected(source), source.interfaces, source.ids, source.sides, source.blocks)
-            plan = TransferPlan(turned, self.continuity, reference=reference)
+            plan = self._alike(turned, reference)
         else:
             older = self._unsplit
             image = older.plan._mirrored
@@ -211,53 +236,16 @@ class TransferPlan:
                 result = replace(result, refined_in_vain=True)
                 note = "a uniform refinement of the source was tried: no certified map was found"
             notes.append(note)
+        if self.continuity == "c1" and chosen.method == "certified" and result.certificate.injective:
+            now = Finer(plan._boundary, plan._interior, registered, plan._with_knots)
+            result, smoother = smoothed(result, now, run)
+            notes += smoother
         points = (result.multipatch.topology.n_points, self.source.topology.n_points)
         return replace(
             result.with_warnings(notes),
             refined=points[0] != points[1],
             split=None if self.split is None else replace(self.split, corners=registered.handed),
         )
-
-    def _searched_split(self, registered: Registered, landmarks: ArrayLike | None, run: Run) -> TransferResult:
-        """The result with joints at all corners of the target, and no corner of a patch on a smooth place of it.
-
-        Without, where that does better.
-        """
-        near = self._with_near_joints_moved(registered)
-        best: TransferResult | None = None
-        # Joints that may not be moved to corners near by leave these to cuts.
-        for start in (near,) if near is registered else (near, registered):
-            for plan, posed in self._divisions(start, run):
-                if plan is self and start is registered:
-                    continue
-                split = plan._searched(posed, landmarks, run.part(DIVIDED))
-                if plan.split is not None and plan is not self:
-                    split = split.with_warnings([split_note(plan.split, posed.handed, len(plan.source))])
-                if split.succeeded:
-                    return split
-                best = split if best is None or better(split, best) else best
-        if best is None:
-            return self._searched(registered, landmarks, run)
-        as_it_is = replace(run.part(HALF), options=replace(run.options, split="never"))
-        whole = self._searched(registered, landmarks, as_it_is)
-        if better(best, whole):
-            return best
-        return replace(whole.with_warnings([vain_note(best)]), split_in_vain=True)
-
-    def _divisions(self, start: Registered, run: Run) -> Iterator[tuple[TransferPlan, Registered]]:
-        """Plans for the source split for one target, and the correspondence: the best, then those that do less."""
-        plan = self._split([lacking_joints(start.registration, run.options.fit_tolerance)])
-        posed = start if plan is self else plan._onto_split(start, run)
-        bare, onto = plan, posed
-        while gone := superfluous_ears(onto.registration, bare._welded, bare._boundary.valence):
-            bare = bare._divided(without(bare._welded, bare.reference, gone))
-            onto = bare._onto_split(onto, run)
-        fanned = bare._opened(smooth_corners(onto.registration, bare._welded.topology, bare._boundary.single))
-        if fanned is not bare:
-            yield fanned, fanned._onto_split(onto, run)
-        if bare is not plan:
-            yield bare, onto
-        yield plan, posed
 
     def _with_near_joints_moved(self, registered: Registered) -> Registered:
         """The same with free joints at corners near by; itself if there are none."""
@@ -293,7 +281,7 @@ class TransferPlan:
         if self.continuity == "g1":
             # Pieces may have a single span, which locks exact G1.
             source, reference = finer(source, reference, lone_spans(source.patches), 2)
-        plan = TransferPlan(source, self.continuity, reference=reference)
+        plan = self._alike(source, reference)
         plan._unsplit = Unsplit(self, division)
         plan.split = division.report(self.split)
         plan._notes += division.model.lost
@@ -477,19 +465,19 @@ class TransferPlan:
             fitted = plan._boundary.fit(registered.registration, run)
         if plan is self:
             return plan, registered, fitted, []
-        before, after = self.source.topology.n_points, plan.source.topology.n_points
-        note = (
-            f"the source was refined: knots in {count} boundary spans and the strips of patches behind them, "
-            f"{before} -> {after} control points"
-        )
+        note = refined_note(f"knots in {count} boundary spans", self.source, plan.source)
         return plan, registered, fitted, [note]
+
+    def _with_knots(self, knots: Sequence[Knot], registered: Registered) -> Finer:
+        plan, registered = self._refined(knots, registered)
+        return Finer(plan._boundary, plan._interior, registered, plan._with_knots)
 
     def _refined(self, knots: Sequence[Knot], registered: Registered) -> tuple[TransferPlan, Registered]:
         """A plan for the source with more knots, and the same correspondence with its boundary curves."""
         # Exact G1 needs inner knots of C^(p - 2): simple ones would lock its rows.
         multiplicity = 2 if self.continuity == "g1" else 1
         source, reference = finer(self._welded, self.reference, knots, multiplicity)
-        plan = TransferPlan(source, self.continuity, reference=reference)
+        plan = self._alike(source, reference)
         return plan, registered._replace(registration=plan._boundary.registered(registered.registration))
 
 

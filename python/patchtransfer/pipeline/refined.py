@@ -8,7 +8,7 @@ from ..fitting.refinement import Knot, insert_in_strips
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 
-__all__ = ["finer"]
+__all__ = ["finer", "refined_note"]
 
 
 def finer(
@@ -19,3 +19,9 @@ def finer(
     patches = insert_in_strips(topology, topology.patches, knots, multiplicity)
     of_reference = None if reference is None else insert_in_strips(topology, reference, knots, multiplicity)
     return MultiPatch(patches, source.interfaces, source.ids, source.sides, source.blocks), of_reference
+
+
+def refined_note(knots: str, before: MultiPatch, after: MultiPatch) -> str:
+    """What is said of a source that got more knots."""
+    sizes = f"{before.topology.n_points} -> {after.topology.n_points} control points"
+    return f"the source was refined: {knots} and the strips of patches behind them, {sizes}"

@@ -37,14 +37,14 @@ def transfer(
         Rows (xs, ys, xt, yt) of corresponding boundary points; see `register`.
     continuity : {"c0", "c1", "g1"}, default "c1"
         Continuity across patches: "c1" keeps C1 rows along interfaces, with the ratio of speeds that the C0 solution
-        has, and vertex rows at extraordinary vertices (paper Eq. 10-12). "g1" is exact along whole interfaces
+        has, and vertex rows at extraordinary vertices (paper Eq. 10 and 11). "g1" is exact along whole interfaces
         (analysis-suitable gluing) and needs splines with enough freedom: degree 3 or more, inner knots of C^(p - 2),
         two spans where the degree is 3 (`MultiPatch.elevate`, `split_spans`, `reduce_continuity`). See
         ``docs/continuity.md``.
     method : {"certified", "paper"}, default "certified"
         "certified" optimises the spline itself and proves the result. "paper" follows Xu, Xiao, Xu, Gu, CMES
-        137(2), 2023: uniform fit, harmonic map on a triangulated control net, fold-over removal by bounded
-        distortion, distortion descent; its result is certified as well, but nothing forces it to be injective.
+        137(2), 2023: fit at uniform parameters, harmonic map on a triangulated control net, fold-over removal by
+        bounded distortion, distortion descent; its result is certified as well, but nothing forces it to be injective.
     progress : callable, optional
         Called as ``progress(stage, step, energy, smallest_determinant)``: before every Newton step, and with step 0 and
         NaN for the numbers when a stage begins. Stages are "feasibility", "registration", "fitting", "refinement",
@@ -87,6 +87,16 @@ def transfer(
         says so. They look at the clock between steps. A result that was cut may differ from run to run, others do not
         depend on the limit. Default none: a budget of Newton steps ends what has no hope
         (``docs/stages/optimisation.md``).
+    paper_options : PaperOptions, optional
+        Choices of ``method="paper"``, each with the paper's section: see `PaperOptions`.
+    c1_share : float, optional
+        With continuity "c1": knots are inserted, in whole strips of patches, where interfaces are not C1, until this
+        part of their length is (the result's ``continuity.c1_share``); warnings say so, or what stops it. Default none:
+        where less than half is, a warning says so.
+    ratios : {"target", "source"}, default "target"
+        Whether continuity rows follow the speeds and frames of the C0 solution, or those of the source. The source's
+        are the same for all targets, so that all results lie in one linear space, but for rows that are released: what
+        is interpolated between two of them keeps the rows that both have.
 
     Returns
     -------
@@ -101,4 +111,5 @@ def transfer(
     NotCertifiedError, BoundaryMissedError
         See `on_failure`.
     """
-    return TransferPlan(source, continuity).transfer(target, landmarks, progress=progress, method=method, **options)
+    plan = TransferPlan(source, continuity, ratios=options.get("ratios") or "target")
+    return plan.transfer(target, landmarks, progress=progress, method=method, **options)

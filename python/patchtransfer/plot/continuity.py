@@ -1,4 +1,4 @@
-"""Figure of how control polygons bend across interfaces, without and with continuity rows (Fig. 10 of the paper)."""
+"""Figures of continuity: where interfaces are C1, and how control polygons bend across them (Fig. 10 of the paper)."""
 
 from __future__ import annotations
 
@@ -10,16 +10,20 @@ import numpy as np
 from ..continuity.interfaces import control_rows
 from ..errors import InputError
 from ..geometry.multipatch import MultiPatch
+from ..geometry.topology import BoundarySide
+from ..measure.smooth_spans import c1_share, smooth_spans
 from ..numeric.arrays import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["slope_difference", "slope_differences"]
+__all__ = ["c1_spans", "slope_difference", "slope_differences"]
 
 BEFORE, AFTER, GRID = "#c8102e", "#1f5fbf", "#d9d9d9"
 #: Panels drawn when no interfaces are named.
 PANELS = 6
+#: Points that a knot span is drawn with.
+POINTS = 17
 
 
 def slope_differences(mp: MultiPatch) -> list[FloatArray]:
@@ -90,4 +94,45 @@ def slope_difference(before: MultiPatch, after: MultiPatch, interfaces: Sequence
             ax.set_xlabel("control point of the interface", fontsize=8.5)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    return figure
+
+
+def c1_spans(mp: MultiPatch) -> Figure:
+    """Draw on which knot spans of its interfaces a multi-patch is C1 (blue) and on which not (red).
+
+    Parameters
+    ----------
+    mp : MultiPatch
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Titled with the share of C1; see `ContinuityReport`.
+
+    Examples
+    --------
+    >>> from patchtransfer import examples
+    >>> c1_spans(examples.load("star")[0]).axes[0].get_title()
+    "C1 on 0.00 of the interfaces' length"
+    """
+    from matplotlib.collections import LineCollection
+    from matplotlib.figure import Figure
+
+    spans = smooth_spans(mp)
+    figure = Figure(figsize=(6, 6), layout="constrained")
+    ax = figure.add_subplot()
+    outline = [curve(np.linspace(*curve.domain, POINTS * 4)) for loop in mp.boundary().loops for curve in loop]
+    ax.add_collection(LineCollection(outline, colors="black", linewidths=0.9))
+    for wanted, colour, label in ((True, AFTER, "C1"), (False, BEFORE, "not C1")):
+        lines = []
+        for f, found in zip(mp.interfaces, spans, strict=True):
+            curve = BoundarySide(f.patch_a, f.side_a, False).curve(mp.patches)
+            ends = zip(found.breaks[:-1], found.breaks[1:], found.smooth, strict=True)
+            lines += [curve(np.linspace(low, high, POINTS)) for low, high, smooth in ends if smooth == wanted]
+        ax.add_collection(LineCollection(lines, colors=colour, linewidths=1.8, label=label))
+    ax.autoscale()
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    ax.set_title(f"C1 on {c1_share(spans):.2f} of the interfaces' length", fontsize=10)
+    figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return figure
