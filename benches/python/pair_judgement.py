@@ -55,6 +55,8 @@ class Direction:
     source_jacobian: tuple[float, float] | None = None
     own_jacobian: tuple[float, float] | None = None
     patches: int = 0
+    #: Of every patch of a split source the source's own.
+    origins: list[int] = field(default_factory=list)
     confidence: float | None = None
     warnings: list[str] = field(default_factory=list)
 
@@ -122,6 +124,7 @@ def judge(
     measure(blank, source, result.multipatch, target)
     blank.reported_error, blank.confidence = result.boundary_error, result.registration.confidence
     blank.warnings = list(result.warnings)
+    blank.origins = [] if result.split is None else [origin.patch for origin in result.split.origin]
     return blank, result.multipatch
 
 

@@ -12,10 +12,10 @@ HEADER = """# Pairs of real drawings
 
 Made by `python benches/python/pairs.py{options}`. Two drawings of the same kind of thing, not one and its deformation:
 a glyph in two fonts that ship with matplotlib, airfoils and icons by formula, outlines of other programs' models.
-Every outline's source is what `parameterize` finds; each is transferred to the other, without landmarks, with defaults
-(`continuity="c1"`). Measured by means of their own: corners (turns above 25°) that a joint of the result lies on, and
-turns at, within 1e-3 of the diameter; the distance of dense polygons, relative to the diameter; scaled Jacobians beside
-those of the target's own layout.
+Every outline's source is what `parameterize` finds; each is transferred to the other, without landmarks, with
+`continuity="c1"` and otherwise defaults but for the options above. Measured by means of their own: corners (turns
+above 25°) that a joint of the result lies on, and turns at, within 1e-3 of the diameter; the distance of dense
+polygons, relative to the diameter; scaled Jacobians beside those of the target's own layout.
 
 Clean: certified, all corners of the target on joints, boundary error at most {clean:g}. Wrongly a success: returned,
 with a boundary error above {success:g}. Corners kept, boundary error (median / 95 %) and loss are of what was returned.

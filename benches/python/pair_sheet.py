@@ -58,9 +58,8 @@ def _draw_direction(left: Axes, right: Axes, drawn: Drawn) -> None:
         points = np.concatenate([c(np.linspace(*c.domain, POINTS)) for c in loop])
         right.plot(*points.T, color="black" if result is None else GREY, lw=0.6, zorder=3)
     if result is not None:
-        # Patches that were split have no colour of their own.
-        same = source is not None and len(result) == len(source)
-        _draw_patches(right, result, colours if same else np.tile([[0.3, 0.45, 0.6, 1.0]], (len(result), 1)))
+        # Patches that come of one have its colour.
+        _draw_patches(right, result, colours[o.origins or range(len(result))])
     right.plot(*np.reshape(o.lost, (-1, 2)).T, "o", mfc="none", mec=BAD, ms=5, mew=1, zorder=5)
     right.plot(*np.reshape(o.smoothed, (-1, 2)).T, "s", mfc="none", mec=POOR, ms=5, mew=1, zorder=5)
     colour = GOOD if o.clean else POOR if o.success else BAD

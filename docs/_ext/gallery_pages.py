@@ -20,6 +20,7 @@ ORDER = (
     "alphabet",
     "airfoils",
     "continuity",
+    "similarity",
     "morph",
     "deform",
     "batch",

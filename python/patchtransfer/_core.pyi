@@ -10,6 +10,7 @@ __version__: str
 
 PatchTuple = tuple[FloatArray, FloatArray, int, int, FloatArray, FloatArray | None]
 CurveTuple = tuple[FloatArray, int, FloatArray, FloatArray | None]
+BoundsTuple = tuple[float, float, tuple[int, float, float] | None]
 CellTuple = tuple[str, tuple[float, float, float, float], tuple[float, float], float]
 PlaceTuple = tuple[int, int, float]
 MeetingTuple = tuple[str, PlaceTuple, PlaceTuple, tuple[float, float]]
@@ -94,10 +95,25 @@ class Outline:
 DATA_ULPS: float
 #: Largest degree that is certified: products up to it have exact binomials.
 MAX_DEGREE: int
+#: Largest degrees of polynomial and of rational patches whose quality is enclosed.
+MAX_QUALITY_DEGREES: list[int]
+#: Largest degrees of two polynomial patches that are compared, and of a pair with a rational one.
+MAX_COMPARED_DEGREES: list[int]
+#: Gauss points a knot span and direction at which models are compared.
+COMPARED_NODES: int
 
 def certify_patches(
     patches: list[PatchTuple], signs: list[float], max_depth: int
 ) -> list[tuple[float, bool, int, list[CellTuple]]]: ...
+def prove_quality(
+    patches: list[PatchTuple], signs: list[float], excluded: list[list[int]], size: float, width: float
+) -> tuple[BoundsTuple, BoundsTuple, int]: ...
+def compare_models(
+    first: list[PatchTuple],
+    second: list[PatchTuple],
+    signs: tuple[list[float], list[float]],
+    width: float,
+) -> tuple[BoundsTuple, tuple[BoundsTuple, BoundsTuple], int, FloatArray]: ...
 def certify_loops(
     loops: list[list[CurveTuple]],
 ) -> tuple[list[MeetingTuple], list[int], list[list[int] | None], float, int]: ...

@@ -76,11 +76,37 @@ def test_json_on_standard_output_is_all_there(files):
     assert listing(files) == {"source.xml", "target.xml", "landmarks.csv", "out.xml"}
 
 
-@pytest.mark.parametrize("options", [("--method", "paper"), ("--refine", "auto"), ("--fixed-correspondence",)])
+PAPER = ("--method", "paper")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        PAPER,
+        (*PAPER, "--paper-options", "initial=dirichlet,literal_rows=yes"),
+        ("--refine", "auto"),
+        ("--fixed-correspondence",),
+    ],
+)
 def test_options_are_accepted(files, options):
     result = run(*arguments(files, "--landmarks", files / "landmarks.csv", *options))
     assert result.exit_code == 0, result.output
     assert (files / "out.xml").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ((*PAPER, "--paper-options", "magic=1"), "no option 'magic'"),
+        ((*PAPER, "--paper-options", "initial=magic"), "initial must be one of"),
+        (("--paper-options", "initial=dirichlet"), 'go with method="paper" only'),
+    ],
+)
+def test_options_of_the_papers_method_are_checked(files, options, message):
+    result = run(*arguments(files, "--landmarks", files / "landmarks.csv", *options))
+    assert result.exit_code == 2
+    assert message in " ".join(result.output.replace("│", " ").split())
+    assert not (files / "out.xml").exists()
 
 
 def test_targets_may_be_points_or_pictures(files):

@@ -219,7 +219,9 @@ def test_processor_time_is_limited():
 
 def test_the_page_is_written_by_the_script():
     page = (DOCS / "pairs.md").read_text()
-    assert page.startswith(pair_report.page([], " -n 4", None).partition(pair_report.CAUSES)[0])
+    assert page.startswith(
+        pair_report.page([], " --options split=auto,mirror=auto", None).partition(pair_report.CAUSES)[0]
+    )
     rows = [line.split(" | ")[0][2:] for line in page.splitlines() if line.startswith("| ")]
     # Models are there where PATCHTRANSFER_MODELS was when the page was made.
     assert rows[1:-1] == [family for family in FAMILIES if family != "models" or "models" in rows]

@@ -38,6 +38,7 @@ def shown() -> dict[str, list[object]]:
     many = pt.Boundary([[circle()]] * 300)
     return {
         "Block": [pt.Block("G+Smo XML", "Function", "x" * 500)],
+        "Bounds": [pt.Bounds(-1e-300, 1.25, (99, 1 / 3, 2 / 3)), result.quality.proved.max_condition_number],
         "Boundary": [rounds, mp.boundary(), many],
         "BSplineCurve": [circle(), crossing, mp.patches[0]],
         "batch.BatchOptions": [batch.BatchOptions(), batch.BatchOptions(method="paper", keep_uncertified=True)],
@@ -62,11 +63,15 @@ def shown() -> dict[str, list[object]]:
         "iga.Univariate": [space.bases[0][0]],
         "Interface": list(mp.interfaces),
         "Morph": [morph, *morph.frames],
+        "LowerBounds": [result.dilatation.least],
         "MultiPatch": [mp, mp.topology, mp.vertices[0], mp.loops[0][0]],
+        "PaperOptions": [pt.PaperOptions(), pt.PaperOptions("dirichlet", literal_rows=True, boundary_weight=1.0)],
         "Parameterization": [pt.parameterize(rounds)],
         "Patch": [mp.patches[0], pt.Patch([[0, 0, 1, 1]] * 2, (1, 1), np.ones((2, 2, 2)), np.ones((2, 2)))],
+        "ProvedQuality": [result.quality.proved],
         "Quality": [result.quality, result.quality.scaled_jacobian],
         "QuadLayout": [corner, pt.QuadLayout.abstract([[0, 1, 2, 3]])],
+        "Similarity": [result.dilatation],
         "Side": list(pt.Side),
         "TransferPlan": [pt.TransferPlan(mp)],
         "TransferResult": [result, result.registration, result.rows],

@@ -207,6 +207,25 @@ def test_a_boundary_that_does_not_close_can_be_looked_at():
         assert len(collections(plot.multipatch(mp, colorbar=False))) == 2
 
 
+def test_dilatation_is_drawn_with_ellipses_of_its_ratio(tmp_path):
+    """A stretch by 3 along x: one colour, and ellipses three times as long as wide."""
+    a = pt.MultiPatch([square(), square(1)])
+    b = a.with_control_points([p.control_points * [3.0, 1.0] for p in a.patches])
+    figure = plot.dilatation(a, b, title="stretched")
+    ax = figure.axes[0]
+    meshes = [c for c in ax.collections if type(c).__name__ == "QuadMesh"]
+    assert len(meshes) == 2
+    for mesh in meshes:
+        np.testing.assert_allclose(mesh.get_array(), np.log(3))
+    (ellipses,) = (c for c in ax.collections if type(c).__name__ == "PolyCollection")
+    for path in ellipses.get_paths():
+        width, height = np.ptp(path.vertices, axis=0)
+        assert width == pytest.approx(3 * height)
+    plot.savefig(figure, tmp_path / "d.png")
+    with pytest.raises(pt.InputError, match="2 and 1 patches"):
+        plot.dilatation(a, pt.MultiPatch([square()]))
+
+
 def test_slope_difference_draws_angles_of_both_models():
     """Known angles: the right square's first column is turned about the interface by 20 degrees before, not after."""
     after = pt.MultiPatch([square(), square(1)])

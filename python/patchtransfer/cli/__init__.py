@@ -13,12 +13,14 @@ import click
 from .._core import __version__
 from .batch import batch
 from .build import build
+from .compare import compare
 from .convert import convert
 from .examples import examples
 from .inspect import check, plot, refine
 from .morph import morph
 from .parameterize import parameterize
 from .poisson import poisson
+from .quality import quality
 from .support import Commands
 from .transfer import transfer
 
@@ -31,5 +33,20 @@ def main() -> None:
     """Transfer multi-patch B-spline parameterizations to new boundaries, with a proof of injectivity."""
 
 
-for command in (parameterize, transfer, build, refine, convert, check, plot, examples, batch, morph, poisson):
+COMMANDS = (
+    parameterize,
+    transfer,
+    build,
+    refine,
+    convert,
+    check,
+    quality,
+    compare,
+    plot,
+    examples,
+    batch,
+    morph,
+    poisson,
+)
+for command in COMMANDS:
     main.add_command(command)

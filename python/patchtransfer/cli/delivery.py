@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..geometry.boundary import Boundary
     from ..pipeline.result import TransferResult
 
-__all__ = ["deliver", "draw_patches", "leave", "summary"]
+__all__ = ["deliver", "draw_patches", "leave", "quality_lines", "summary"]
 
 
 def deliver(
@@ -78,11 +78,13 @@ def summary(content: dict[str, Any], output: str | None) -> None:
     bound = f", det J ≥ {certificate['lower_bound']:.3g} of its mean" if certificate["status"] == "certified" else ""
     colour = "green" if certificate["injective"] else "red"
     add("certificate", click.style(certificate["status"], fg=colour, bold=True) + bound)
-    for name in ("scaled_jacobian", "condition_number"):
-        low, mean, high = (_number(metrics[name][k]) for k in ("min", "mean", "max"))
-        add(name.replace("_", " "), f"min {low}   mean {mean}   max {high}")
+    lines += quality_lines(metrics)
     if "corner_bound" in content:
         add("  corners allow at most", _number(content["corner_bound"]))
+    if content.get("similarity") is not None:
+        from ..measure.similarity import Similarity
+
+        add("similarity to the source", str(Similarity.from_dict(content["similarity"])))
     kink = content["continuity"]["kink_deg"]
     add("kink across patches", f"mean {_number(kink['mean'])}°   max {_number(kink['max'])}°")
     smooth = content["continuity"]
@@ -126,6 +128,19 @@ def summary(content: dict[str, Any], output: str | None) -> None:
     if output is not None:
         add("written", output)
     say(table(lines))
+
+
+def quality_lines(metrics: dict[str, Any]) -> list[tuple[str, str]]:
+    """Names and texts of a report's quality: what is proved, and what samples say."""
+    from ..measure.bounds import ProvedQuality
+
+    lines = []
+    if metrics["proved"] is not None:
+        lines += [("quality", text) for text in str(ProvedQuality.from_dict(metrics["proved"])).split("; ")]
+    for name in ("scaled_jacobian", "condition_number"):
+        low, mean, high = (_number(metrics[name][k]) for k in ("min", "mean", "max"))
+        lines.append((name.replace("_", " "), f"min {low}   mean {mean}   max {high}   of samples"))
+    return lines
 
 
 def _label(name: str, sides: list[dict[str, int]]) -> str:

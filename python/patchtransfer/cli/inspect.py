@@ -97,6 +97,7 @@ def check(file: str, json_path: str | None) -> None:
     from .. import io
     from ..geometry.conformity.coincidences import coincidences
     from ..geometry.labels import plain
+    from ..measure.bounds import can_be_proved
     from ..measure.continuity import check_continuity
     from ..measure.quality import quality
     from ..proof.certificate import certify
@@ -113,7 +114,7 @@ def check(file: str, json_path: str | None) -> None:
             "topology": _topology(model),
             "labels": plain(model.sides),
             "certificate": certificate.to_dict(),
-            "quality": quality(model, exclude=degenerate).to_dict(),
+            "quality": quality(model, exclude=degenerate, proved=can_be_proved(model)).to_dict(),
             "continuity": check_continuity(model).to_dict(),
             "unglued": unglued,
             "error": None,

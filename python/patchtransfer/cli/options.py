@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..errors import InputError
 from ..pipeline.options import CHOICES, Options
+
+if TYPE_CHECKING:
+    from ..paper.options import PaperOptions
 
 __all__ = [
     "chosen",
@@ -80,6 +84,17 @@ keep_uncertified_option = click.option(
 )
 
 
+def _paper_options(context: click.Context, parameter: click.Parameter, text: str | None) -> PaperOptions | None:
+    if text is None:
+        return None
+    from ..paper.options import PaperOptions
+
+    try:
+        return PaperOptions.parse(text)
+    except InputError as error:
+        raise click.BadParameter(str(error)) from error
+
+
 def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
     """The options of a transfer, for `chosen`."""
     for option in reversed(
@@ -134,6 +149,13 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
                 default=Options.correspondence,
                 show_default=True,
                 help="Of those found without landmarks: the best, or the second best.",
+            ),
+            click.option(
+                "--paper-options",
+                callback=_paper_options,
+                metavar="KEY=VALUE,...",
+                help="Of --method paper: initial=reversible|dirichlet, boundary_samples=source|uniform, "
+                "freeze_interfaces, literal_rows, snap_corners (true|false), max_iterations and boundary_weight.",
             ),
             keep_uncertified_option,
             click.option(

@@ -81,10 +81,11 @@ def transfer(
 def _draw_transfer(source: MultiPatch, target: Boundary, result: TransferResult, path: str) -> None:
     from ..plot import figures as plot
 
-    metrics = result.quality.scaled_jacobian
+    metrics, proved = result.quality.scaled_jacobian, result.quality.proved
+    least = f"minimum scaled Jacobian {metrics.min:.3f} of samples" if proved is None else str(proved).partition(";")[0]
     caption = (
-        f"{result.certificate.status}; scaled Jacobian {metrics.min:.3f} to {metrics.max:.3f}, "
-        f"mean {metrics.mean:.3f}; C1 on {result.continuity.c1_share:.2f} of the interfaces' length"
+        f"{result.certificate.status}; {least}; mean {metrics.mean:.3f} of samples; "
+        f"C1 on {result.continuity.c1_share:.2f} of the interfaces' length"
     )
     plot.savefig(plot.transfer(source, target, result.multipatch, caption=caption), path)
 

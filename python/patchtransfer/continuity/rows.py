@@ -136,6 +136,7 @@ class C1Rows:
         without: Collection[int] = (),
         relaxed: Collection[int] = (),
         open_vertices: Collection[int] = (),
+        literal: bool = False,
     ) -> ContinuityRows:
         """C1 rows along the interfaces and vertex rows at extraordinary vertices.
 
@@ -152,6 +153,8 @@ class C1Rows:
             rows follow the map's speeds at these rows instead of the chord's mean (odd; on few spans there are none).
         open_vertices : collection of int
             Those that get no second rows.
+        literal : bool, default False
+            The paper's 2 s - p - q = 0 (Eq. 10), whatever knot spans, degrees and speeds are.
 
         Returns
         -------
@@ -163,7 +166,7 @@ class C1Rows:
         for spoke in released:
             skipped[spoke.interface, int(spoke.at_end)] *= 2  # None at regular inner vertices.
         skipped = np.minimum(skipped, 2)
-        ratios = self._ratios(reference)
+        ratios = self._scales[:, 1] / self._scales[:, 0] if literal else self._ratios(reference)
         second = self._vertex_rows.second(ratios, relaxed, open_vertices)
         bare = rowless | self._vertex_rows.tangents_only(second)
         keep = (self._from_ends >= skipped[self._interface]).all(axis=1) & ~bare[self._interface]

@@ -1,7 +1,7 @@
 """Stage 2b, boundary fit: one target curve per source boundary side, on the side's degree and knots.
 
 Paper §3.2, Eq. 2–6: least squares with both ends interpolated. The paper takes uniform parameters;
-``parameters="uniform"`` does that. The default departs from it in three ways:
+``parameters="uniform"`` and ``parameters="source"`` do that. The default departs from it in three ways:
 
 - samples start with the source's own speed along the side and slide along the target to the foot of their
   perpendicular (orthogonal distance fit by Gauss–Newton; residuals along the tangent are damped, not penalised);
@@ -63,6 +63,10 @@ MAX_TURN = 0.1
 #: A leg that strays from the target's tangent too far is put on a line nearer to it than the limit by this angle: at
 #: the limit itself corners of patches get thin, and the tangent is too far off where the limit is wide.
 TURNED_BACK = float(np.radians(25.0))
+
+
+#: Where samples of a side may be: with the source's speed and corrected, or fixed.
+PARAMETERS = ("speed", "uniform", "source")
 
 
 class Stiffness(NamedTuple):
@@ -172,9 +176,10 @@ def fit_boundary(
     ----------
     registration : Registration
         Gives the sides (degree, knots, speed) and the corresponding part of the target.
-    parameters : {"speed", "uniform"}, default "speed"
-        Where the samples are in the parameter domain: with the source's speed and corrected, or uniform and
-        fixed as in the paper (no tangents kept there).
+    parameters : {"speed", "uniform", "source"}, default "speed"
+        Where the samples are: with the source's speed and corrected; or at uniform parameters and fixed, as in the
+        paper (no tangents kept there), "uniform" at equal distances on the target, "source" where the source's points
+        at these parameters have their images: what fits the source then is the source itself.
     tolerance : float, default 1e-3
         Error relative to the target's diameter that a side should reach; larger ones are reported.
     stiffness : Stiffness, default STIFF
@@ -185,9 +190,9 @@ def fit_boundary(
     -------
     FittedBoundary
     """
-    if parameters not in ("speed", "uniform"):
-        raise InputError(f'parameters must be "speed" or "uniform", got {parameters!r}')
-    uniform = parameters == "uniform"
+    if parameters not in PARAMETERS:
+        raise InputError(f'parameters must be "source", "speed" or "uniform", got {parameters!r}')
+    fixed = parameters != "speed"
     diameter = registration.loops[0].target.diameter
     bases = _Bases()
     joints = [loop.joints for loop in registration.loops]
@@ -195,7 +200,7 @@ def fit_boundary(
     smooth = [np.abs(turn) < SMOOTH_ANGLE for turn in turns]
     single = [np.zeros(len(turn), bool) for turn in turns] if single_patch is None else single_patch
     sides = [
-        _sides(bases, loop, x, uniform, turn, np.asarray(flags))
+        _sides(bases, loop, x, parameters == "uniform", turn, np.asarray(flags))
         for loop, x, turn, flags in zip(registration.loops, joints, turns, single, strict=True)
     ]
     pairs = _smooth_joints(smooth, registration.loops)
@@ -207,12 +212,12 @@ def fit_boundary(
         pairs,
         (SLIDE_ERROR * tolerance * diameter / SLIDE, stiffness.damping, stiffness.shortest_leg),
     )
-    if uniform:
+    if fixed:
         points, errors = fit.control_points(), fit.errors(True)
     else:
         points, errors = _iterate(fit, counts, pairs, tolerance * diameter, stiffness.max_stray)
     points, _ = straighten(points, _single_corners(counts, single))
-    return _collect(registration, points, errors / diameter, smooth, uniform, tolerance, diameter)
+    return _collect(registration, points, errors / diameter, smooth, fixed, tolerance, diameter)
 
 
 def _single_corners(counts: Sequence[int], single: Sequence[Sequence[bool] | NDArray[np.bool_]]) -> Triangles:
@@ -233,7 +238,7 @@ def _collect(
     points: FloatArray,
     errors: FloatArray,
     smooth: Sequence[NDArray[np.bool_]],
-    uniform: bool,
+    fixed: bool,
     tolerance: float,
     diameter: float,
 ) -> FittedBoundary:
@@ -246,7 +251,7 @@ def _collect(
         for i, curve in enumerate(loop.source.curves):
             n, error = len(curve.control_points), float(errors[side])
             image = BSplineCurve._trusted(curve.knots, curve.degree, points[at : at + n], curve.weights)
-            fitted.append(FittedSide(image, error, bool(smooth[k][i] and not uniform)))
+            fitted.append(FittedSide(image, error, bool(smooth[k][i] and not fixed)))
             at, side = at + n, side + 1
             if error > tolerance:
                 warnings.append(

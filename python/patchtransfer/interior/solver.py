@@ -36,6 +36,7 @@ from .under_rows import ROW_ROUNDS, ActiveRows, MakeRows, best_under_rows, optim
 
 if TYPE_CHECKING:
     from ..paper.method import PaperHistory
+    from ..paper.options import PaperOptions
 
 __all__ = ["CONTINUITY", "InteriorMap", "InteriorSolver"]
 
@@ -254,21 +255,35 @@ class InteriorSolver:
         return InteriorMap(points, certificate, log, [], rows), complete
 
     def paper(
-        self, start: FloatArray, clock: Clock, budget: Budget, boundary: BoundaryReport | None = None
+        self,
+        start: FloatArray,
+        clock: Clock,
+        budget: Budget,
+        boundary: BoundaryReport | None = None,
+        options: PaperOptions | None = None,
     ) -> InteriorMap:
-        """The published method on the triangulated control net (paper §3.3), without rows and then under them."""
-        from ..paper.method import paper_map  # Triangle meshes need SciPy, whose import takes longer than most maps.
+        """The published method on the triangulated control net (paper §3.3), without rows and then under them.
 
+        The passes under rows start from the map without them: the first map, which takes longest, is found once.
+        """
+        # Triangle meshes need SciPy, whose import takes longer than most maps.
+        from ..paper.method import DEFAULTS, paper_map
+
+        options = options or DEFAULTS
         topology = self.source.topology
-        mapped = paper_map(topology, start, stage=clock, budget=budget)
+        mapped = paper_map(topology, start, options=options, stage=clock, budget=budget)
+        passes: tuple[PaperHistory, ...] = (mapped.history,)
+        make_rows = partial(self._rows, literal=options.literal_rows)
 
         points, log, rows = mapped.points, list(mapped.log), None
         certificate = self.certify(points, clock, boundary)
         check = partial(self.certify, clock=clock, boundary=certificate.boundary)
 
         def solve(space: RowSpace, near: FloatArray) -> tuple[FloatArray, Certificate, list[str]]:
-            nonlocal mapped
-            mapped = paper_map(topology, space.project(near), space.basis, stage=clock, budget=budget)
+            nonlocal mapped, passes
+            first = space.project(near)
+            mapped = paper_map(topology, first, space.basis, options=options, given=first, stage=clock, budget=budget)
+            passes = (*passes, mapped.history.after(passes, len(space.rows)))
             return mapped.points, check(mapped.points), mapped.log
 
         for level in self._levels:
@@ -278,7 +293,7 @@ class InteriorSolver:
                 if certificate.injective:
                     points, certificate, under, rows = optimize_under_rows(
                         topology,
-                        partial(self._rows, level, points),
+                        partial(make_rows, level, points),
                         solve,
                         points,
                         check,
@@ -287,12 +302,12 @@ class InteriorSolver:
                     )
                 else:
                     # A folded map has no frames to follow: take the source's.
-                    space = row_space(self._rows(level, topology.coordinates), topology.interior_points, start)
+                    space = row_space(make_rows(level, topology.coordinates), topology.interior_points, start)
                     points, certificate, under = solve(space, start)
                     under = [f"under {len(space.rows)} rows with the source's frames, {entry}" for entry in under]
                     rows = rows_summary(topology, space, points)
             log += under
-        return InteriorMap(points, certificate, log, mapped.notes, rows, mapped.history)
+        return InteriorMap(points, certificate, log, mapped.notes, rows, passes[-1])
 
     def harmonic(
         self, start: FloatArray, clock: Clock, reason: str, boundary: BoundaryReport | None = None
@@ -411,12 +426,13 @@ class InteriorSolver:
         reference: FloatArray,
         released: Collection[Spoke] = (),
         without: Collection[int] = (),
+        literal: bool = False,
     ) -> ContinuityRows:
-        """Continuity rows that follow the speeds and frames of a reference map."""
+        """Continuity rows that follow the speeds and frames of a reference map; C1 ones literally as the paper's."""
         followed = self._followed(reference)
         if level.startswith("g1"):
             return g1_rows(self.source.topology, self._control, followed, without, linear=level == "g1 linear")
-        return self._c1(followed, released, without)
+        return self._c1(followed, released, without, literal=literal)
 
     def _followed(self, reference: FloatArray) -> FloatArray:
         """The map whose speeds and frames rows follow."""

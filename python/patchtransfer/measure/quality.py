@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..geometry.basis import check_samples
 from ..geometry.multipatch import MultiPatch
 from ..numeric.arrays import FloatArray, finite_or_none
+from .bounds import ProvedQuality, proved_quality
 
 __all__ = ["Quality", "Statistics", "quality", "sample"]
 
@@ -49,6 +50,9 @@ class Quality:
         Number of samples, without the excluded corners.
     worst : (patch, u, v)
         Where the scaled Jacobian is smallest.
+    proved : ProvedQuality or None
+        Bounds of the smallest scaled Jacobian and the largest condition number anywhere, samples or not; None if they
+        were not asked for. Equal samples make equal qualities, with or without them.
     """
 
     scaled_jacobian: Statistics
@@ -56,6 +60,7 @@ class Quality:
     nonpositive: int
     n_samples: int
     worst: tuple[int, float, float]
+    proved: ProvedQuality | None = field(default=None, compare=False)
 
     def __repr__(self) -> str:
         jacobian, condition = self.scaled_jacobian, self.condition_number
@@ -73,12 +78,19 @@ class Quality:
             "nonpositive": self.nonpositive,
             "n_samples": self.n_samples,
             "worst": {"patch": patch, "u": u, "v": v},
+            "proved": None if self.proved is None else self.proved.to_dict(),
         }
 
 
 # Absurd models have infinite metrics, and that is what they are told.
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")
-def quality(mp: MultiPatch, samples: int = 10, exclude: Iterable[tuple[int, int]] = ()) -> Quality:
+def quality(
+    mp: MultiPatch,
+    samples: int = 10,
+    exclude: Iterable[tuple[int, int]] = (),
+    proved: bool = False,
+    width: float = 1e-3,
+) -> Quality:
     """Measure scaled Jacobian and condition number of a multi-patch.
 
     Left-handed patches count by their orientation: an injective model has a positive scaled Jacobian however
@@ -93,7 +105,13 @@ def quality(mp: MultiPatch, samples: int = 10, exclude: Iterable[tuple[int, int]
         Uniform parameters per knot span and direction, both ends of every span included, each seen from
         inside its span (at a C0 knot the derivatives of both sides count). At least 2.
     exclude : iterable of (patch, corner), optional
-        Degenerate corners to leave out, corner 0 to 3 = (0,0), (1,0), (0,1), (1,1).
+        Degenerate corners to leave out, corner 0 to 3 = (0,0), (1,0), (0,1), (1,1): a sample at each, and of what is
+        proved the square up to the next samples.
+    proved : bool, default False
+        Whether to prove bounds of the smallest scaled Jacobian and the largest condition number, too. Means remain
+        those of samples.
+    width : float, default 1e-3
+        How far these bounds may be apart, relative to their size.
 
     Returns
     -------
@@ -102,27 +120,41 @@ def quality(mp: MultiPatch, samples: int = 10, exclude: Iterable[tuple[int, int]
     Raises
     ------
     InputError
-        When `samples` is below 2 (3 with `exclude`) or `exclude` names a corner that does not exist.
+        When `samples` is below 2 (3 with `exclude`), `exclude` names a corner that does not exist, or, with `proved`,
+        degrees exceed 28 (14 of rational patches) or `width` is not in (0, 1).
 
     Notes
     -----
     Eq. 19 and 20 of the paper. With J = (B_u, B_v), ‖J‖_F ‖J⁻¹‖_F = (|B_u|² + |B_v|²) / |det J|, which is at
     least 2 / |scaled Jacobian|. Both depend on the scaling of u against v, as in the paper.
+
+    Bounds come from Bernstein coefficients of B_u·B_v over those of det J, and of |B_u|² + |B_v|² over det J, on Bézier
+    pieces that are halved until the bounds meet.
+
+    Examples
+    --------
+    >>> from patchtransfer import MultiPatch, Patch
+    >>> knots = ([0, 0, 1, 1], [0, 0, 1, 1])
+    >>> found = quality(MultiPatch([Patch(knots, (1, 1), [[[0, 0], [0, 1]], [[1, 0], [2, 2]]])]), proved=True)
+    >>> print(found.proved)
+    minimum scaled Jacobian 0.7071, proved; maximum condition number 3.501, proved
     """
     excluded = _check_corners(mp, exclude)
     check_samples(samples)
     if excluded and samples < 3:
         raise InputError(f"samples = {samples}: leaving out corners needs at least 3 per knot span")
+    corners = [excluded.get(k, []) for k in range(len(mp.patches))]
+    bounds = proved_quality(mp, corners, 1 / (samples - 1), width) if proved else None
     found = measure_quality(
         [patch.to_core() for patch in mp.patches],
         [float(sign) for sign in mp.topology.orientation],
         samples,
-        [excluded.get(k, []) for k in range(len(mp.patches))],
+        corners,
     )
     jacobian, condition, counts, worst = zip(*found, strict=True)
     n, positive = (sum(column) for column in zip(*counts, strict=True))
     k = min(range(len(found)), key=lambda k: jacobian[k][0])
-    return Quality(_statistics(jacobian, n), _statistics(condition, positive), n - positive, n, (k, *worst[k]))
+    return Quality(_statistics(jacobian, n), _statistics(condition, positive), n - positive, n, (k, *worst[k]), bounds)
 
 
 def _statistics(ranges: Iterable[tuple[float, float, float]], count: int) -> Statistics:

@@ -8,18 +8,18 @@ the caller certifies the result.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, eye_array
+from scipy.sparse import csc_array, csr_array, diags_array, eye_array, hstack
 
 from ..errors import InputError
 from ..geometry.topology import Topology
 from ..mesh.background_mesh import TriangleMesh, source_mesh, target_mesh
 from ..mesh.harmonic import mesh_harmonic_map
 from ..numeric.arrays import FloatArray, IntArray
-from ..numeric.dense import svd
 from ..progress import Budget, Clock
 from .bounded_distortion import remove_foldovers
 from .distortion_descent import minimise_distortion
@@ -29,6 +29,11 @@ from .reversible_harmonic import reverse_boundary, reversible_harmonic_map
 __all__ = ["PaperHistory", "PaperMap", "frozen_points", "paper_map"]
 
 DEFAULTS = PaperOptions()
+#: The descent's Newton steps converge quadratically: one or two more, and the result is the minimum whatever map it
+#: started from, instead of 1e-3 of the diameter beside it.
+DESCENT_TOLERANCE = 1e-12
+#: Two edges are on a line when one differs from a multiple of the other by less than this part of it: rounding.
+FLAT = 1e-12
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,8 @@ class PaperHistory:
     Attributes
     ----------
     initial_map : str
-        "reversible" or "dirichlet"; the latter also where the former was not possible.
+        "reversible" or "dirichlet"; the latter also where the former was not possible. Of a pass that starts from the
+        map of the one before it: that one's, with its iterations.
     reversible_beta, reversible_energy : tuple of float
         β and energy after every iteration of the reversible harmonic map (each energy belongs to its β).
     boundary_drift : float
@@ -50,6 +56,10 @@ class PaperHistory:
         Mean of σ₁/σ₂ + σ₂/σ₁ over the area: before, then after every step; empty when flips were left.
     descent_stop : str
         Why the descent ended; "skipped" when flips were left.
+    rows : int
+        Continuity rows of this pass.
+    earlier : tuple of PaperHistory
+        Of the passes before this one, the first one first: that without rows, and those whose rows could not all hold.
     """
 
     initial_map: str
@@ -62,6 +72,16 @@ class PaperHistory:
     k_mean: tuple[float, ...] = ()
     descent_energy: tuple[float, ...] = ()
     descent_stop: str = "skipped"
+    rows: int = 0
+    earlier: tuple[PaperHistory, ...] = ()
+
+    def after(self, passes: tuple[PaperHistory, ...], rows: int) -> Self:
+        """The same as the last of several passes; where it had no first map of its own, with the first one's."""
+        if not passes:
+            return replace(self, rows=rows)
+        names = ("initial_map", "reversible_beta", "reversible_energy", "boundary_drift")
+        first = {name: getattr(passes[0], name) for name in names} if self.initial_map == "given" else {}
+        return replace(self, rows=rows, earlier=tuple(replace(one, earlier=()) for one in passes), **first)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists and numbers, ready for JSON, with the iteration counts."""
@@ -85,6 +105,8 @@ class PaperHistory:
                 "energy": list(self.descent_energy),
                 "stop": self.descent_stop,
             },
+            "rows": self.rows,
+            "earlier": [one.to_dict() for one in self.earlier],
         }
 
 
@@ -115,6 +137,7 @@ def paper_map(
     null_space: Any = None,
     *,
     options: PaperOptions = DEFAULTS,
+    given: FloatArray | None = None,
     stage: Clock | None = None,
     budget: Budget | None = None,
 ) -> PaperMap:
@@ -131,6 +154,9 @@ def paper_map(
         rows B u = 0; default all. The rows tie interior to boundary points, so the boundary is hard from the first
         stage on then.
     options : PaperOptions
+    given : (n_points, 2) array, optional
+        First map, on the same boundary and satisfying the rows, instead of the one that the options name. It gives way
+        to the Dirichlet solve where that has fewer flipped faces.
     stage : Clock, optional
         Put around every stage.
     budget : Budget, optional
@@ -152,7 +178,7 @@ def paper_map(
         polygons = [start[loop] for loop in mesh.loops]
         area = TriangleMesh(start, mesh.triangles, ()).areas().sum()
         other = None
-        if options.initial == "reversible":
+        if options.initial == "reversible" and given is None:
             try:
                 other = target_mesh(polygons, max_area=abs(float(area)) / len(mesh.triangles))
             except InputError as error:
@@ -162,8 +188,13 @@ def paper_map(
         points = mesh_harmonic_map(mesh, boundary, start[boundary], null_space, start[interior])
         history: dict[str, Any] = {"initial_map": "dirichlet"}
         log = []
+        if given is not None and _flips(mesh, given) <= _flips(mesh, points):
+            points, history = given, {"initial_map": "given"}
         if other is not None:
-            points, history, line = _reversible(mesh, other, boundary, start, points, interior, null_space, budget)
+            weight = math.inf if options.boundary_weight is None else options.boundary_weight
+            points, history, line = _reversible(
+                mesh, other, boundary, start, points, interior, null_space, weight, budget
+            )
             log.append(line)
     with stage("bounded distortion") as told:
         unfolded = remove_foldovers(
@@ -189,7 +220,9 @@ def paper_map(
             fixed, basis = boundary, null_space
             if options.freeze_interfaces:
                 fixed, basis = np.union1d(boundary, frozen_points(topology, null_space)), None
-            descent = minimise_distortion(mesh, points, fixed, basis, seconds=budget.seconds_left())
+            descent = minimise_distortion(
+                mesh, points, fixed, basis, tolerance=DESCENT_TOLERANCE, seconds=budget.seconds_left()
+            )
             points = descent.points
             history |= {"descent_energy": tuple(descent.energy), "descent_stop": descent.stop}
             log.append(
@@ -214,21 +247,35 @@ def frozen_points(topology: Topology, null_space: Any = None) -> IntArray:
     return np.asarray(frozen, np.int64)
 
 
+def _flips(mesh: TriangleMesh, points: FloatArray) -> int:
+    return int((TriangleMesh(points, mesh.triangles, ()).areas() <= 0).sum())
+
+
 def _without_flat_faces(
     mesh: TriangleMesh, start: FloatArray, interior: IntArray, null_space: Any
 ) -> tuple[TriangleMesh, int]:
     """The mesh without faces whose corners the rows keep on a line (2 s = p + q), and their number."""
-    rows = csr_array(csc_array(eye_array(len(start), format="csr")[:, interior] @ csc_array(null_space)))
+    rows = csr_array(eye_array(len(start), format="csr")[:, interior] @ csc_array(null_space))
     tied = np.zeros(len(start), bool)
     tied[interior] = rows[interior].count_nonzero(axis=1) != 1
+    doubtful = np.flatnonzero(tied[mesh.triangles].any(axis=1))
+    # Always on a line when two edges depend on the unknowns, and on the start, by one ratio.
+    corner = mesh.triangles[doubtful].T
+    motion = csr_array(hstack([rows, start]))
+    edges = [motion[corner[k]] - motion[corner[0]] for k in (1, 2)]
+    swap = diags_array((_dots(edges[1], edges[1]) > _dots(edges[0], edges[0])).astype(float))
+    # The longer one first, and what the other has beside it.
+    long, short = (edges[k] + swap @ (edges[1 - k] - edges[k]) for k in (0, 1))
+    length2 = _dots(long, long)
+    beside = short - diags_array(_dots(long, short) / np.where(length2 > 0, length2, 1)) @ long
     keep = np.ones(len(mesh.triangles), bool)
-    for face in np.flatnonzero(tied[mesh.triangles].any(axis=1)):
-        corner = mesh.triangles[face]
-        motion = np.hstack([rows[corner].toarray(), start[corner]])
-        # Always on a line when the edges depend on the unknowns, and on the start, by one ratio.
-        _, sigma, _ = svd(motion[1:] - motion[0])
-        keep[face] = sigma[1] > 1e-12 * sigma[0]
+    keep[doubtful] = _dots(beside, beside) > FLAT**2 * length2
     return TriangleMesh(mesh.points, mesh.triangles[keep], mesh.loops), int((~keep).sum())
+
+
+def _dots(a: csr_array, b: csr_array) -> FloatArray:
+    """Scalar products row by row."""
+    return np.asarray(a.multiply(b).sum(axis=1), float).ravel()
 
 
 def _reversible(
@@ -239,6 +286,7 @@ def _reversible(
     harmonic: FloatArray,
     interior: IntArray,
     null_space: Any,
+    weight: float,
     budget: Budget,
 ) -> tuple[FloatArray, dict[str, Any], str]:
     """Reversible harmonic map with its boundary made exact, what to record of it, and the log's line."""
@@ -251,12 +299,13 @@ def _reversible(
         harmonic,
         reverse_boundary(mesh, other),
         null_space=basis,
+        weight=weight,
         budget=budget,
     )
     # The paper's later stages need the exact boundary: the smoothest correction with these boundary values.
     gap = start[boundary] - found.points[boundary]
     points = found.points
-    if null_space is None:
+    if null_space is None and np.isfinite(weight):
         points = points + mesh_harmonic_map(mesh, boundary, gap)
     points[boundary] = start[boundary]
     drift = float(np.linalg.norm(gap, axis=1).max() / np.sqrt(other.areas().sum()))

@@ -9,6 +9,10 @@ coordinates, one row a vertex; X_ab ≈ P_ab V_b are the images as free unknowns
 
 is lowered by turns: X by two sparse solves, P by closest points on the other mesh in coordinates that stack a vertex
 and its image. Norms are weighted by vertex areas, and both meshes are scaled to area 1 (D = ½ Xᵀ L X).
+
+Why λ = ∞ stands for an exact boundary, of both maps: with any finite λ the Dirichlet energies draw the boundaries
+inwards, by some α / λ, so that not even the identity is a minimum. With exact ones every affine map is: it is harmonic,
+and what is left of the energy vanishes.
 """
 
 from __future__ import annotations
@@ -19,15 +23,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_array, csr_array, diags_array, eye_array
+from scipy.sparse import csc_array, csr_array
 
-from .._core import closest_on_mesh
 from ..errors import InputError
 from ..mesh.background_mesh import TriangleMesh
 from ..mesh.harmonic import mesh_harmonic_map
 from ..numeric.arrays import FloatArray
-from ..numeric.definite import DefiniteFactor
 from ..progress import Budget
+from .vertex_system import Barycentric, VertexSystem
 
 __all__ = ["DescentStep", "ReversibleMap", "barycentric_map", "reverse_boundary", "reversible_harmonic_map"]
 
@@ -109,11 +112,11 @@ def reversible_harmonic_map(
     beta : float, default 5e-3
         Coupling; iteration i uses ``beta * min(i, 100)``.
     weight : float, default 1
-        λ; the papers leave it open.
+        λ; the papers leave it open. Infinite: the boundary is exact, and that of the reverse map stays at its start.
     max_iterations : int
     tolerance : float
-        At rest when no image of mesh a's vertices moves further, in units of the square root of the target's area,
-        and β has stopped growing.
+        At rest when no image of mesh a's vertices moves further, in units of the square root of the target's area. With
+        a finite λ, β must have stopped growing as well: until then it draws the boundary back outwards.
     budget : Budget, optional
         Its time limit ends the iterations after the first.
 
@@ -131,8 +134,9 @@ def reversible_harmonic_map(
             "reversible map: needs 0 <= alpha <= 1 and beta, weight, max_iterations, tolerance >= 0, got "
             f"{alpha}, {beta}, {weight}, {max_iterations}, {tolerance}"
         )
-    descent = _Descent(mesh_a, mesh_b, boundary_indices, boundary_values, start, reverse_start, null_space)
-    descent.alpha, descent.weight = alpha, weight
+    descent = _Descent(mesh_a, mesh_b, boundary_indices, boundary_values, start, reverse_start, null_space, weight)
+    descent.alpha = alpha
+    growth = 0 if np.isinf(weight) or beta == 0 else BETA_STEPS
     steps: list[DescentStep] = []
     converged = False
     for iteration in range(1, max_iterations + 1):
@@ -143,14 +147,14 @@ def reversible_harmonic_map(
         descent.project()
         steps.append(DescentStep(descent.beta, before, solved, descent.energy()))
         moved = float(np.abs(descent.x_ab - old).max())
-        converged = moved <= tolerance and (iteration >= BETA_STEPS or beta == 0)
+        converged = moved <= tolerance and iteration >= growth
         if converged or (budget is not None and budget.expired()):
             break
     return ReversibleMap(
         descent.x_ab / descent.scale_b,
         descent.x_ba / descent.scale_a,
-        descent.p_ab,
-        descent.p_ba,
+        descent.p_ab.matrix(len(mesh_b.points)),
+        descent.p_ba.matrix(len(mesh_a.points)),
         tuple(steps),
         converged,
     )
@@ -182,10 +186,7 @@ def barycentric_map(queries: FloatArray, vertices: FloatArray, triangles: Any) -
 
     Both in stacked coordinates: arrays (m, 4) and (n, 4).
     """
-    faces, weights, _ = closest_on_mesh(queries, vertices, triangles)
-    m = len(queries)
-    columns = np.asarray(triangles)[faces].ravel()
-    return csr_array((weights.ravel(), columns, 3 * np.arange(m + 1)), shape=(m, len(vertices)))
+    return Barycentric.closest(queries, vertices, triangles).matrix(len(vertices))
 
 
 class _Descent:
@@ -193,7 +194,6 @@ class _Descent:
 
     alpha: float
     beta: float
-    weight: float
 
     def __init__(
         self,
@@ -204,6 +204,7 @@ class _Descent:
         start: ArrayLike,
         reverse_start: ArrayLike,
         null_space: Any,
+        weight: float = 1.0,
     ) -> None:
         n_a, n_b = len(mesh_a.points), len(mesh_b.points)
         self.scale_a, self.scale_b = (float(mesh.areas().sum()) ** -0.5 for mesh in (mesh_a, mesh_b))
@@ -213,19 +214,22 @@ class _Descent:
         self.wanted = _checked("boundary values", boundary_values, len(self.boundary)) * self.scale_b
         self.v_a, self.v_b = mesh_a.points * self.scale_a, mesh_b.points * self.scale_b
         self.triangles_a, self.triangles_b = mesh_a.triangles, mesh_b.triangles
-        self.laplacian_a, self.laplacian_b = mesh_a.laplacian(), mesh_b.laplacian()
         self.mass_a, self.mass_b = _vertex_areas(mesh_a) * self.scale_a**2, _vertex_areas(mesh_b) * self.scale_b**2
-        self.basis = eye_array(n_a, format="csc") if null_space is None else csc_array(null_space)
-        if self.basis.shape[0] != n_a:
-            raise InputError(f"null space: expected {n_a} rows, one for each vertex, got {self.basis.shape[0]}")
+        basis = None if null_space is None else csr_array(csc_array(null_space))
+        if basis is not None and basis.shape[0] != n_a:
+            raise InputError(f"null space: expected {n_a} rows, one for each vertex, got {basis.shape[0]}")
+        exact = np.isinf(weight)
+        if exact:
+            self.x_ab[self.boundary] = self.wanted
+        fixed = [self.boundary, mesh_b.boundary] if exact else [self.boundary[:0]] * 2
+        self.system_a = VertexSystem(mesh_a, fixed[0], basis)
+        self.system_b = VertexSystem(mesh_b, fixed[1])
+        self.pull = np.zeros(n_a)
+        if not exact:
+            self.pull[self.boundary] = weight / max(len(self.boundary), 1)
         # The first P are closest points of the given images alone.
-        self.alpha, self.beta, self.weight = 1.0, 1.0, 0.0
+        self.alpha, self.beta = 1.0, 1.0
         self.project()
-
-    def _boundary_weight(self) -> FloatArray:
-        weights = np.zeros(len(self.v_a))
-        weights[self.boundary] = self.weight / max(len(self.boundary), 1)
-        return weights
 
     def energy(self) -> float:
         """The energy in the module's docstring."""
@@ -234,70 +238,65 @@ class _Descent:
             return float((mass * (difference**2).sum(axis=1)).sum())
 
         dirichlet = sum(
-            0.5 * float(np.sum(x * (laplacian @ x)))
-            for x, laplacian in ((self.x_ab, self.laplacian_a), (self.x_ba, self.laplacian_b))
+            0.5 * float(np.sum(x * (system.laplacian @ x)))
+            for x, system in ((self.x_ab, self.system_a), (self.x_ba, self.system_b))
         )
-        back = square(self.mass_b, self.p_ba @ self.x_ab - self.v_b) + square(
-            self.mass_a, self.p_ab @ self.x_ba - self.v_a
+        back = square(self.mass_b, self.p_ba.of(self.x_ab) - self.v_b) + square(
+            self.mass_a, self.p_ab.of(self.x_ba) - self.v_a
         )
-        coupling = square(self.mass_a, self.x_ab - self.p_ab @ self.v_b) + square(
-            self.mass_b, self.x_ba - self.p_ba @ self.v_a
+        coupling = square(self.mass_a, self.x_ab - self.p_ab.of(self.v_b)) + square(
+            self.mass_b, self.x_ba - self.p_ba.of(self.v_a)
         )
-        boundary = square(self._boundary_weight()[self.boundary], self.x_ab[self.boundary] - self.wanted)
+        boundary = square(self.pull[self.boundary], self.x_ab[self.boundary] - self.wanted)
         return self.alpha * dirichlet + (1 - self.alpha) * back + self.beta * coupling + boundary
 
     def solve(self) -> None:
         """The best X for these P: two quadratic problems, X_ab under the constraints."""
-        boundary, towards = self._boundary_weight(), np.zeros_like(self.v_a)
-        towards[self.boundary] = boundary[self.boundary, None] * self.wanted
-        matrix, right = self._system(
-            self.laplacian_a, self.mass_a, self.mass_b, self.p_ab, self.p_ba, self.v_b, boundary, towards
+        towards = np.zeros_like(self.v_a)
+        towards[self.boundary] = self.pull[self.boundary, None] * self.wanted
+        self.x_ab = self._best(
+            self.system_a, self.x_ab, self.mass_a, self.mass_b, self.p_ab, self.p_ba, self.v_b, self.pull, towards
         )
-        step = _solve(self.basis.T @ matrix @ self.basis, self.basis.T @ (right - matrix @ self.x_ab))
-        self.x_ab = self.x_ab + self.basis @ step
-        nothing = np.zeros(len(self.v_b))
-        matrix, right = self._system(
-            self.laplacian_b, self.mass_b, self.mass_a, self.p_ba, self.p_ab, self.v_a, nothing, np.zeros_like(self.v_b)
+        nothing = np.zeros_like(self.v_b)
+        self.x_ba = self._best(
+            self.system_b, self.x_ba, self.mass_b, self.mass_a, self.p_ba, self.p_ab, self.v_a, nothing[:, 0], nothing
         )
-        self.x_ba = self.x_ba + _solve(matrix, right - matrix @ self.x_ba)
 
-    def _system(
+    def _best(
         self,
-        laplacian: csc_array,
+        system: VertexSystem,
+        x: FloatArray,
         mass: FloatArray,
         other_mass: FloatArray,
-        forward: csr_array,
-        reverse: csr_array,
+        forward: Barycentric,
+        reverse: Barycentric,
         other: FloatArray,
-        boundary: FloatArray,
+        pull: FloatArray,
         towards: FloatArray,
-    ) -> tuple[csc_array, FloatArray]:
-        """Half the Hessian and the constant part of half the gradient in one of the X."""
-        weighted = reverse.T @ diags_array(other_mass)
-        matrix = (
-            0.5 * self.alpha * laplacian
-            + (1 - self.alpha) * (weighted @ reverse)
-            + diags_array(self.beta * mass + boundary)
+    ) -> FloatArray:
+        """Where half the gradient of the energy in one of the X vanishes."""
+        diagonal = self.beta * mass + pull
+        half_gradient = (
+            0.5 * self.alpha * (system.laplacian @ x)
+            + (1 - self.alpha) * reverse.transposed(other_mass[:, None] * (reverse.of(x) - other), len(x))
+            + diagonal[:, None] * x
+            - self.beta * mass[:, None] * forward.of(other)
+            - towards
         )
-        right = (1 - self.alpha) * (weighted @ other) + self.beta * mass[:, None] * (forward @ other) + towards
-        return csc_array(matrix), right
+        try:
+            system.factorize(0.5 * self.alpha, diagonal, reverse, (1 - self.alpha) * other_mass)
+        except RuntimeError as error:
+            why = f"reversible map: the solve is singular ({error}); give boundary points or weights"
+            raise InputError(why) from None
+        return x - system.solve(half_gradient)
 
     def project(self) -> None:
         """The best P for these X: closest points in stacked coordinates, row by row."""
         a, b = np.sqrt(1 - self.alpha), np.sqrt(self.beta)
         here_a, there_a = np.hstack([a * self.v_a, b * self.x_ab]), np.hstack([a * self.x_ba, b * self.v_b])
         here_b, there_b = np.hstack([a * self.v_b, b * self.x_ba]), np.hstack([a * self.x_ab, b * self.v_a])
-        self.p_ab = barycentric_map(here_a, there_a, self.triangles_b)
-        self.p_ba = barycentric_map(here_b, there_b, self.triangles_a)
-
-
-def _solve(matrix: Any, right: FloatArray) -> FloatArray:
-    if matrix.shape[0] == 0:
-        return np.zeros_like(right)
-    try:
-        return DefiniteFactor(matrix).solve(right)
-    except RuntimeError as error:
-        raise InputError(f"reversible map: the solve is singular ({error}); give boundary points or weights") from None
+        self.p_ab = Barycentric.closest(here_a, there_a, self.triangles_b)
+        self.p_ba = Barycentric.closest(here_b, there_b, self.triangles_a)
 
 
 def _vertex_areas(mesh: TriangleMesh) -> FloatArray:

@@ -13,6 +13,7 @@ from ..fitting.fit import FittedBoundary
 from ..geometry.multipatch import MultiPatch
 from ..gradients.frozen import freeze
 from ..interior.solver import InteriorMap, InteriorSolver
+from ..measure.bounds import can_be_proved
 from ..measure.quality import Quality, quality
 from ..proof.certificate import check_boundary
 from ..registration.register import Registration
@@ -113,7 +114,7 @@ def solve(posed: Posed, boundary: SourceBoundary, interior: InteriorSolver, run:
     if posed.failure is not None:
         return posed, interior.harmonic(start, run.clock, posed.failure.reason, posed.report)
     if run.options.method == "paper":
-        return posed, interior.paper(start, run.clock, run.budget, posed.report)
+        return posed, interior.paper(start, run.clock, run.budget, posed.report, run.options.paper_options)
     report = check_boundary(boundary.curves(start), posed.report)
     if report.simple:
         return posed, interior.certified(start, posed.degenerate, run.progress, run.clock, run.budget, report)
@@ -140,8 +141,10 @@ def measure(
     ]
     with run.clock("quality") as stage:
         multipatch = interior.model(found.points)
-        metrics = quality(multipatch, exclude=posed.degenerate)
-        stage.found = f"scaled Jacobian min {metrics.scaled_jacobian.min:.3f}, mean {metrics.scaled_jacobian.mean:.3f}"
+        metrics = quality(multipatch, exclude=posed.degenerate, proved=can_be_proved(multipatch))
+        scaled = metrics.scaled_jacobian
+        stage.found = f"scaled Jacobian min {scaled.min:.3f}, mean {scaled.mean:.3f} of samples"
+        stage.found += "" if metrics.proved is None else f"; {metrics.proved}"
     warnings += _functions_of_the_source(interior.source, multipatch)
     warnings += _unsuited(interior.source, metrics)
     space = None if found.rows is None else found.rows.space
@@ -163,6 +166,7 @@ def measure(
         paper_history=found.history,
         sliding=sliding,
         stopped=stopped,
+        _source=interior.source,
         _freeze=partial(freeze, interior, space, posed.degenerate, found.points),
     )
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import KW_ONLY, dataclass, fields, replace
 from numbers import Real
-from typing import Self, TypedDict, cast
+from typing import TYPE_CHECKING, Self, TypedDict, cast
 
 from ..errors import InputError
 from ..progress import Budget, Clock, Progress
+
+if TYPE_CHECKING:
+    from ..paper.options import PaperOptions
 
 __all__ = ["CHOICES", "MISSED", "Options", "Run", "SearchOptions", "TransferOptions", "options_of"]
 
@@ -36,6 +39,7 @@ class SearchOptions(TypedDict, total=False):
     correspondence: str
     on_failure: str
     time_limit: float | None
+    paper_options: PaperOptions | None
     c1_share: float | None
     ratios: str | None
 
@@ -66,6 +70,7 @@ class Options:
     correspondence: str = "best"
     on_failure: str = "raise"
     time_limit: float | None = None
+    paper_options: PaperOptions | None = None
     c1_share: float | None = None
     ratios: str | None = None
 
@@ -85,6 +90,16 @@ class Options:
             raise InputError('c1_share inserts knots with method="certified" only; leave it out')
         if self.method == "paper" and self.fixed_correspondence is not None and not self.fixed_correspondence:
             raise InputError('joints slide with method="certified" only; leave fixed_correspondence out')
+        if self.paper_options is not None:
+            self._check_paper_options()
+
+    def _check_paper_options(self) -> None:
+        from ..paper.options import PaperOptions  # Transfers by the other method load nothing of this one.
+
+        if not isinstance(self.paper_options, PaperOptions):
+            raise InputError(f"paper_options must be PaperOptions, got {type(self.paper_options).__name__}")
+        if self.method != "paper":
+            raise InputError('paper_options go with method="paper" only; ask for it, or leave them out')
 
     def __repr__(self) -> str:
         # What is not a default says what a run was about.

@@ -25,10 +25,10 @@ from ..progress import Progress
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from ..registration.register import Registration
 from .accepted import accepted
-from .divisions import Division, SourceSplit, cut, divided_again, with_corners_opened, without
+from .divisions import Division, SourceSplit, cut, divided_again, with_corners_opened
 from .inside import attempt
 from .mirrored import MIRROR_IMAGE, POOR, Reflection, mirrored_rows, of_own_sides, reflected, told
-from .opening import smooth_corners, superfluous_ears
+from .opening import smooth_corners
 from .options import Run, TransferOptions
 from .posed import Registered
 from .refilled import Refilled, filled, frozen
@@ -37,7 +37,7 @@ from .result import TransferResult, failure_of, split_advice
 from .sliding import movable_joints
 from .smoother import smoothed
 from .source_boundary import SourceBoundary
-from .split_or_whole import better, split_note, vain_note
+from .split_or_whole import split_or_whole
 from .splitting import onto_split, with_near_joints_moved
 from .tasks import TransferTask, in_order
 
@@ -50,8 +50,6 @@ __all__ = ["Refilled", "TransferPlan"]
 HALF = 0.5
 #: What a step on a source with a knot more in every span costs, in steps on the source itself.
 FINER = 4
-#: Part of it for a source that was divided for its target, where another way to divide it, or none, comes after.
-DIVIDED = 0.4
 
 
 class TransferPlan:
@@ -119,8 +117,11 @@ class TransferPlan:
             if "registration" in run.clock.seconds and self._looks_mirrored(target, landmarks, None, run):
                 error.args = (f"{error}; {MIRROR_IMAGE}", *error.args[1:])
             raise
-        search = plan._searched_split if run.options.split == "auto" else plan._searched
-        result = search(registered, landmarks if plan is self else mirrored_rows(landmarks), run)
+        given = landmarks if plan is self else mirrored_rows(landmarks)
+        if run.options.split == "auto":
+            result = split_or_whole(plan, registered, given, run)
+        else:
+            result = plan._searched(registered, given, run)
         if plan is not self:
             result = told(result, self.source)
         elif not result.succeeded or registered.registration.loops[0].score > POOR:
@@ -236,47 +237,6 @@ class TransferPlan:
             refined=result.multipatch.topology.n_points != self.source.topology.n_points,
             split=None if self.split is None else replace(self.split, corners=registered.handed),
         )
-
-    def _searched_split(self, registered: Registered, landmarks: ArrayLike | None, run: Run) -> TransferResult:
-        """The result with joints at all corners of the target, and no corner of a patch on a smooth place of it.
-
-        Without, where that does better.
-        """
-        near = self._with_near_joints_moved(registered)
-        best: TransferResult | None = None
-        # Joints that may not be moved to corners near by leave these to cuts.
-        for start in (near,) if near is registered else (near, registered):
-            for plan, posed in self._divisions(start, run):
-                if plan is self and start is registered:
-                    continue
-                split = plan._searched(posed, landmarks, run.part(DIVIDED))
-                if plan.split is not None and plan is not self:
-                    split = split.with_warnings([split_note(plan.split, posed.handed, len(plan.source))])
-                if split.succeeded:
-                    return split
-                best = split if best is None or better(split, best) else best
-        if best is None:
-            return self._searched(registered, landmarks, run)
-        as_it_is = replace(run.part(HALF), options=replace(run.options, split="never"))
-        whole = self._searched(registered, landmarks, as_it_is)
-        if better(best, whole):
-            return best
-        return replace(whole.with_warnings([vain_note(best)]), split_in_vain=True)
-
-    def _divisions(self, start: Registered, run: Run) -> Iterator[tuple[TransferPlan, Registered]]:
-        """Plans for the source split for one target, and the correspondence: the best, then those that do less."""
-        plan = self._split([lacking_joints(start.registration, run.options.fit_tolerance)])
-        posed = start if plan is self else plan._onto_split(start, run)
-        bare, onto = plan, posed
-        while gone := superfluous_ears(onto.registration, bare._welded, bare._boundary.valence):
-            bare = bare._divided(without(bare._welded, bare.reference, gone))
-            onto = bare._onto_split(onto, run)
-        fanned = bare._opened(smooth_corners(onto.registration, bare._welded.topology, bare._boundary.single))
-        if fanned is not bare:
-            yield fanned, fanned._onto_split(onto, run)
-        if bare is not plan:
-            yield bare, onto
-        yield plan, posed
 
     def _with_near_joints_moved(self, registered: Registered) -> Registered:
         """The same with free joints at corners near by; itself if there are none."""

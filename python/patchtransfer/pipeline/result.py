@@ -14,8 +14,10 @@ from ..geometry.labels import plain
 from ..geometry.multipatch import MultiPatch
 from ..gradients.frozen import Frozen
 from ..interior.under_rows import ActiveRows
+from ..measure.common_layout import same_layout
 from ..measure.continuity import ContinuityReport, check_continuity
 from ..measure.quality import Quality
+from ..measure.similarity import Similarity, similarity
 from ..proof.certificate import Certificate
 from ..registration.missed_tabs import tab_text
 from ..registration.register import Registration
@@ -125,6 +127,7 @@ class TransferResult:
     refined_in_vain: bool = False
     mirrored: bool = False
     looks_mirrored: bool = False
+    _source: MultiPatch | None = field(default=None, repr=False)
     _freeze: Callable[[], Frozen] | None = field(default=None, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -155,6 +158,30 @@ class TransferResult:
         """Gaps, C1 residual, kink angles and AS-G1 residual across interfaces."""
         return check_continuity(self.multipatch)
 
+    @cached_property
+    def dilatation(self) -> Similarity:
+        """Dilatation of the map from the source to the result, with what every map has at least; see `similarity`.
+
+        The source is the one that was transferred: with the knots, the splits and the mirror image that it took.
+
+        Raises
+        ------
+        InputError
+            When degrees exceed 14 (7 of rational patches).
+        """
+        return self._similarity(energy=True)
+
+    def _similarity(self, energy: bool) -> Similarity:
+        if self._source is None:
+            raise InputError("dilatation: this result was not transferred from a source; compare it with `similarity`")
+        return similarity(self._source, self.multipatch, energy=energy)
+
+    @cached_property
+    def _reported_similarity(self) -> Similarity | None:
+        """For reports, without what takes time; None where models cannot be compared."""
+        source = self._source
+        return None if source is None or same_layout(source, self.multipatch) else self._similarity(energy=False)
+
     @property
     def succeeded(self) -> bool:
         """Whether the map is proved injective and its boundary meets the target."""
@@ -175,6 +202,7 @@ class TransferResult:
             "certificate": self.certificate.to_dict(),
             "quality": self.quality.to_dict(),
             "corner_bound": self.corner_bound,
+            "similarity": self._reported_similarity and self._reported_similarity.to_dict(),
             "continuity": self.continuity.to_dict() | {"rows": None if self.rows is None else self.rows.to_dict()},
             "boundary_error": self.boundary_error,
             "boundary_missed": self.missed,

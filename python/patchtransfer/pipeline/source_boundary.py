@@ -78,7 +78,8 @@ class SourceBoundary:
             same = len(target.loops) == len(self.loops)
             notes = check_loops(target.loops, "target boundary") if same else []
         with run.clock("registration") as stage:
-            paper = run.options.method == "paper"
+            paper, chosen = run.options.method == "paper", run.options.paper_options
+            snap = chosen is None or chosen.snap_corners
             registration = register(
                 self.outlines,
                 target,
@@ -86,6 +87,7 @@ class SourceBoundary:
                 marked_curves=paper,
                 single_patch=self.single,
                 sampled=lambda: self._sampled,
+                snap=snap,
             )
             if run.options.correspondence == "runner-up":
                 second = registration.runner_up
@@ -93,7 +95,7 @@ class SourceBoundary:
                     raise InputError(
                         'correspondence="runner-up": there is none, landmarks decide or no other one fits; leave it out'
                     )
-                registration = register(self.outlines, target, second.landmarks, single_patch=self.single)
+                registration = register(self.outlines, target, second.landmarks, single_patch=self.single, snap=snap)
             joints = sum(len(loop.joints) - 1 for loop in registration.loops)
             stage.found = f"{joints} joints, confidence {registration.confidence:.2f}"
         with run.clock("feasibility"):
@@ -117,7 +119,9 @@ class SourceBoundary:
         tolerance = run.options.fit_tolerance
         with run.clock("fitting") as stage:
             if run.options.method == "paper":
-                fitted = fit_boundary(registration, parameters="uniform", tolerance=tolerance)
+                chosen = run.options.paper_options
+                samples = "source" if chosen is None else chosen.boundary_samples
+                fitted = fit_boundary(registration, parameters=samples, tolerance=tolerance)
             else:
                 fitted = self.free_fit(registration, tolerance)
             stage.found = f"boundary error {fitted.error:.1e} of the diameter"

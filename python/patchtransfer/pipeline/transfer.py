@@ -43,8 +43,8 @@ def transfer(
         ``docs/continuity.md``.
     method : {"certified", "paper"}, default "certified"
         "certified" optimises the spline itself and proves the result. "paper" follows Xu, Xiao, Xu, Gu, CMES
-        137(2), 2023: uniform fit, harmonic map on a triangulated control net, fold-over removal by bounded
-        distortion, distortion descent; its result is certified as well, but nothing forces it to be injective.
+        137(2), 2023: fit at uniform parameters, harmonic map on a triangulated control net, fold-over removal by
+        bounded distortion, distortion descent; its result is certified as well, but nothing forces it to be injective.
     progress : callable, optional
         Called as ``progress(stage, step, energy, smallest_determinant)``: before every Newton step, and with step 0 and
         NaN for the numbers when a stage begins. Stages are "feasibility", "registration", "fitting", "refinement",
@@ -87,6 +87,8 @@ def transfer(
         says so. They look at the clock between steps. A result that was cut may differ from run to run, others do not
         depend on the limit. Default none: a budget of Newton steps ends what has no hope
         (``docs/stages/optimisation.md``).
+    paper_options : PaperOptions, optional
+        Choices of ``method="paper"``, each with the paper's section: see `PaperOptions`.
     c1_share : float, optional
         With continuity "c1": knots are inserted, in whole strips of patches, where interfaces are not C1, until this
         part of their length is (the result's ``continuity.c1_share``); warnings say so, or what stops it. Default none:

@@ -185,6 +185,7 @@ def register(
     marked_curves: bool = False,
     single_patch: Sequence[Sequence[bool]] | None = None,
     sampled: Callable[[], BoundaryShape] | None = None,
+    snap: bool = True,
 ) -> Registration:
     """Find the correspondence of source and target boundary.
 
@@ -204,6 +205,8 @@ def register(
         Loop by loop, whether a single patch meets the source's joint: such joints do not go to reentrant corners.
     sampled : callable, optional
         Returns the source sampled without landmarks, for a source with many targets; asked for only where it is needed.
+    snap : bool, default True
+        Move source corners that land next to a corner of the target, turning alike, onto it.
 
     Returns
     -------
@@ -233,7 +236,7 @@ def register(
         anchors = landmark_anchors(placed[placed["source_loop"] == k], outline, other, k)
         given[k] = anchors if marked_curves else corners_between(anchors, outline, other)
     single = single_patch or [[False] * len(outline.curves) for outline in source_loops]
-    loops, warnings = _correspondences(source_loops, target_loops, partner, given, marked_curves, single, sampled)
+    loops, warnings = _correspondences(source_loops, target_loops, partner, given, marked_curves, single, sampled, snap)
     missed: list[MissedCorner] = []
     tabs: list[MissedTab] = []
     for k, loop in enumerate(loops):
@@ -259,6 +262,7 @@ def _correspondences(
     by_arc_length: bool,
     single: Sequence[Sequence[bool]],
     sampled: Callable[[], BoundaryShape] | None,
+    snap: bool,
 ) -> tuple[list[LoopRegistration], list[str]]:
     """All loops, and warnings; `given` are the anchors of loops with landmarks, `partner` the loops they pair."""
     settled = {k for k, anchors in given.items() if by_arc_length or _covers_joints(source[k], anchors)}
@@ -269,7 +273,7 @@ def _correspondences(
     loops = []
     for k, outline in enumerate(source):
         best, other = matches[k][0], target[partner[k]]
-        anchors = snap_corners(best.anchors, outline, other)
+        anchors = snap_corners(best.anchors, outline, other) if snap else best.anchors
         if by_arc_length and k in given:
             anchors = _place_marked(LoopRegistration(outline, other, anchors, 1.0))
         if not by_arc_length:

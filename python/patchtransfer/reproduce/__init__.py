@@ -8,6 +8,7 @@ digit by digit. Everything written is the same at every run, except for times, v
 from __future__ import annotations
 
 import csv
+import math
 import subprocess
 import time
 from collections.abc import Callable, Sequence
@@ -25,6 +26,7 @@ from ..files import json_text, write_atomic
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..iga import PoissonResult, poisson
+from ..measure.bounds import outwards
 from ..measure.quality import Quality, Statistics, quality, sample
 from ..numeric.arrays import finite_or_none
 from ..pipeline.plan import TransferPlan
@@ -139,7 +141,7 @@ def transferred(name: str) -> Case:
         )
         seconds[method] = time.perf_counter() - begin
     without = TransferPlan(source, "c0").transfer(target, landmarks, refine="never", on_failure="return")
-    return Case(name, source, target, quality(source), results, without, seconds)
+    return Case(name, source, target, quality(source, proved=True), results, without, seconds)
 
 
 def articulation(name: str) -> list[Step]:
@@ -202,6 +204,12 @@ def _row(case: Case, model: str, after: bool, method: str, numbers: Printed | Qu
     }
     for short, values in (("sj", numbers.scaled_jacobian), ("kappa", numbers.condition_number)):
         row |= {f"{short}_{name}": finite_or_none(getattr(values, name)) for name in ("min", "mean", "max")}
+    if isinstance(numbers, Quality) and numbers.proved is not None:
+        lower, upper = numbers.proved.min_scaled_jacobian.lower, numbers.proved.max_condition_number.upper
+        row["sj_min_proved"] = outwards(lower, DIGITS, math.floor)
+        row["kappa_max_proved"] = finite_or_none(outwards(upper, DIGITS, math.ceil))
+    else:
+        row |= dict.fromkeys(("sj_min_proved", "kappa_max_proved"))
     return row | dict.fromkeys(("kappa_mean_to_scale", "remark", "status", "boundary_error", "seconds")) | more
 
 

@@ -14,6 +14,7 @@ from ...geometry.multipatch import MultiPatch
 from ...geometry.outline import Outline, hausdorff
 from ...interior.solver import CONTINUITY
 from ...limits import MAX_LAYOUT_DEGREE, MAX_LAYOUT_POINTS, at_most
+from ...measure.bounds import can_be_proved
 from ...measure.quality import quality
 from ...numeric.arrays import FloatArray, IntArray
 from ...pipeline.options import Options
@@ -410,6 +411,6 @@ def _symmetric(
         result,
         multipatch=source,
         certificate=certificate,
-        quality=quality(source),
+        quality=quality(source, proved=can_be_proved(source)),
         boundary_error=error,
     )

@@ -34,6 +34,8 @@ class Parameterization(TransferResult):
     ) -> Parameterization:
         """A result with its layout and candidates; `log` comes before the result's own."""
         values = {field.name: getattr(result, field.name) for field in fields(TransferResult)}
+        # What was transferred is a layout found on the way, not a shape of anyone's.
+        values["_source"] = None
         values["log"] = (*log, *result.log)
         return cls(**values, layout=layout, candidates=tuple(candidates))
 

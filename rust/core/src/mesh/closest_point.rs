@@ -45,12 +45,17 @@ impl<'a> MeshTree<'a> {
         let mut order: Vec<u32> =
             (0..u32::try_from(triangles.len()).expect("fewer than 4e9 faces")).collect();
         let mut tree = Self { vertices, triangles, order: Vec::new(), nodes: Vec::new() };
-        tree.split(&mut order, 0);
+        // Three times the centres: what decides is their order.
+        let centres: Vec<Point> = triangles
+            .iter()
+            .map(|t| std::array::from_fn(|c| t.iter().map(|&v| vertices[v][c]).sum()))
+            .collect();
+        tree.split(&mut order, 0, &centres);
         tree.order = order;
         tree
     }
 
-    fn split(&mut self, order: &mut [u32], start: usize) {
+    fn split(&mut self, order: &mut [u32], start: usize, centres: &[Point]) {
         let (mut low, mut high) = ([f64::INFINITY; 4], [f64::NEG_INFINITY; 4]);
         for &v in order.iter().flat_map(|&t| &self.triangles[t as usize]) {
             for c in 0..4 {
@@ -66,29 +71,32 @@ impl<'a> MeshTree<'a> {
         let axis =
             (0..4).max_by(|&a, &b| (high[a] - low[a]).total_cmp(&(high[b] - low[b]))).expect("four axes");
         let middle = order.len() / 2;
-        let centre = |t: u32| self.triangles[t as usize].iter().map(|&v| self.vertices[v][axis]).sum::<f64>();
+        let centre = |t: u32| centres[t as usize][axis];
         order.select_nth_unstable_by(middle, |&a, &b| centre(a).total_cmp(&centre(b)).then(a.cmp(&b)));
         let (first, second) = order.split_at_mut(middle);
-        self.split(first, start);
+        self.split(first, start, centres);
         self.nodes[number].count = 0;
         self.nodes[number].start = self.nodes.len() as u32;
-        self.split(second, start + middle);
+        self.split(second, start + middle, centres);
     }
 
     /// The closest point to `query`.
     pub fn closest(&self, query: Point) -> Foot {
         let mut best = Foot { triangle: usize::MAX, weights: [0.0; 3], distance2: f64::INFINITY };
-        let mut stack = vec![0_u32];
-        while let Some(number) = stack.pop() {
-            let node = &self.nodes[number as usize];
-            if box_distance2(node, query) > best.distance2 {
+        let distance2 = |n: u32| box_distance2(&self.nodes[n as usize], query);
+        let mut stack = Vec::with_capacity(32);
+        stack.push((0_u32, distance2(0)));
+        while let Some((number, least)) = stack.pop() {
+            // Not at equality: of equally close triangles the first is wanted.
+            if least > best.distance2 {
                 continue;
             }
+            let node = &self.nodes[number as usize];
             if node.count == 0 {
                 let (first, second) = (number + 1, node.start);
-                let nearer = |n: u32| box_distance2(&self.nodes[n as usize], query);
+                let (first, second) = ((first, distance2(first)), (second, distance2(second)));
                 // The nearer child is looked at first.
-                stack.extend(if nearer(first) <= nearer(second) { [second, first] } else { [first, second] });
+                stack.extend(if first.1 <= second.1 { [second, first] } else { [first, second] });
                 continue;
             }
             let range = node.start as usize..(node.start + node.count) as usize;

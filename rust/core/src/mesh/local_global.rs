@@ -14,8 +14,9 @@ use crate::mesh::laplacian::{FaceGeometry, MeshError};
 use crate::numeric::sparse::{Cholesky, CscMatrix, congruence, upper_triangle};
 use crate::numeric::ssvd;
 
-// Sums are formed per chunk and added in order, so results do not depend on the number of threads.
-const CHUNK: usize = 2048;
+// Sums are formed per chunk and added in order, so results do not depend on the number of threads. Small enough that the
+// meshes of control points (300 to 1500 faces on the samples) are split.
+const CHUNK: usize = 256;
 
 /// What happened in [`LocalGlobal::iterate`].
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -69,6 +69,11 @@ impl DeterminantCell {
         (corner >> 1) * m * (n + 1) + (corner & 1) * n
     }
 
+    /// The coefficient at a corner: det J there, times W³.
+    pub fn corner_coefficient_value(&self, corner: usize) -> f64 {
+        self.det.coefs[self.corner_coefficient(corner)]
+    }
+
     fn corner_point(&self, corner: usize) -> [f64; 2] {
         [self.bounds[corner >> 1], self.bounds[2 + (corner & 1)]]
     }
@@ -133,7 +138,7 @@ impl DeterminantCell {
 
     /// det J at a corner.
     fn corner_value(&self, corner: usize) -> f64 {
-        self.over_weight(corner, self.det.coefs[self.corner_coefficient(corner)])
+        self.over_weight(corner, self.corner_coefficient_value(corner))
     }
 
     /// The corner with the smallest det J.

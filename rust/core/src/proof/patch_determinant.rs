@@ -13,6 +13,11 @@ use crate::spline::bernstein::{BoundedBernstein, Extraction, U, extract, larger,
 /// is called degenerate: an exactly straight corner does not survive being written down.
 pub const DATA_ULPS: f64 = 16.0;
 
+/// B_u and B_v on a Bézier piece, by axis and coordinate; those of a rational patch times W².
+pub(crate) type Tangents = [[BoundedBernstein; 2]; 2];
+/// X, Y and W, and their derivatives along both axes.
+type Homogeneous = ([BoundedBernstein; 3], [[BoundedBernstein; 3]; 2]);
+
 /// det J of a patch on its Bézier pieces, prepared once.
 pub(crate) struct PatchDeterminant<'a> {
     pub patch: &'a SplinePatch,
@@ -23,8 +28,10 @@ pub(crate) struct PatchDeterminant<'a> {
     /// Knots in `units`, powers of two.
     pub knots: [Vec<f64>; 2],
     pub units: [f64; 2],
+    /// The power of two that `points` are divided by.
+    pub size_unit: f64,
     pub values: [Extraction; 2],
-    slopes: [Extraction; 2],
+    derived: [Extraction; 2],
     /// Largest coordinate.
     size: f64,
     /// What a difference quotient of control points loses at most when coordinates underflow.
@@ -55,8 +62,9 @@ impl<'a> PatchDeterminant<'a> {
             points,
             weights,
             units: [unit_u, unit_v],
+            size_unit: unit,
             values: std::array::from_fn(|d| Extraction::new(&knots[d], degrees[d])),
-            slopes: std::array::from_fn(|d| {
+            derived: std::array::from_fn(|d| {
                 Extraction::new(&knots[d][1..knots[d].len() - 1], degrees[d] - 1)
             }),
             size: largest / unit,
@@ -76,6 +84,38 @@ impl<'a> PatchDeterminant<'a> {
 
     /// The Bézier piece of det J on a span pair, oriented by `sign`.
     pub fn piece(&self, at: [usize; 2], sign: f64) -> DeterminantCell {
+        if self.weights.is_empty() {
+            self.polynomial(at, sign, &self.slopes(at))
+        } else {
+            self.rational(at, sign, self.homogeneous(at))
+        }
+    }
+
+    /// [`Self::piece`] and the tangents there.
+    pub fn piece_and_tangents(&self, at: [usize; 2], sign: f64) -> (DeterminantCell, Tangents) {
+        if self.weights.is_empty() {
+            let tangents = self.slopes(at);
+            (self.polynomial(at, sign, &tangents), tangents)
+        } else {
+            let parts = self.homogeneous(at);
+            let (h, slopes) = &parts;
+            let tangents = std::array::from_fn(|d| {
+                std::array::from_fn(|c| {
+                    let terms = [(1.0, &slopes[d][c], &h[2]), (-1.0, &h[c], &slopes[d][2])];
+                    BoundedBernstein::sum_of_products(&terms)
+                })
+            });
+            (self.rational(at, sign, parts), tangents)
+        }
+    }
+
+    fn cell(
+        &self,
+        at: [usize; 2],
+        sign: f64,
+        (det, zero): (BoundedBernstein, f64),
+        weight: Option<Arc<Weight>>,
+    ) -> DeterminantCell {
         let (u, v) = (self.values[0].ends[at[0]], self.values[1].ends[at[1]]);
         let mut patch_corners = 0;
         for corner in 0..4 {
@@ -85,12 +125,6 @@ impl<'a> PatchDeterminant<'a> {
             }
         }
         let bounds = [u[0], u[1], v[0], v[1]];
-        let (det, zero, weight) = if self.weights.is_empty() {
-            let (det, zero) = self.polynomial(at, sign);
-            (det, zero, None)
-        } else {
-            self.rational(at, sign)
-        };
         let corner_tolerance = det.err + zero;
         let corner_values = std::array::from_fn(|corner| match patch_corners >> corner & 1 {
             1 => self.corner_value(corner, sign),
@@ -122,14 +156,14 @@ impl<'a> PatchDeterminant<'a> {
         (value != 0.0 || area == 0.0).then_some(value)
     }
 
-    /// det J and how much it changes at a patch corner when the coordinates are rounded.
-    fn polynomial(&self, at: [usize; 2], sign: f64) -> (BoundedBernstein, f64) {
+    /// B_u and B_v of a polynomial patch.
+    fn slopes(&self, at: [usize; 2]) -> Tangents {
         let width = self.patch.shape[1];
         let slope = |axis: usize, c: usize| {
             let (eu, ev) = if axis == 0 {
-                (&self.slopes[0], &self.values[1])
+                (&self.derived[0], &self.values[1])
             } else {
-                (&self.values[0], &self.slopes[1])
+                (&self.values[0], &self.derived[1])
             };
             let (i0, j0) = (eu.first[at[0]], ev.first[at[1]]);
             let p = self.patch.degrees[axis];
@@ -143,11 +177,16 @@ impl<'a> PatchDeterminant<'a> {
                 p as f64 * difference / (knots[k + p + 1] - knots[k + 1])
             })
         };
-        let (xu, yu, xv, yv) = (slope(0, 0), slope(0, 1), slope(1, 0), slope(1, 1));
-        let det = BoundedBernstein::sum_of_products(&[(sign, &xu, &yv), (-sign, &yu, &xv)]);
+        std::array::from_fn(|axis| std::array::from_fn(|c| slope(axis, c)))
+    }
+
+    /// det J, and how much it changes at a patch corner when the coordinates are rounded.
+    fn polynomial(&self, at: [usize; 2], sign: f64, tangents: &Tangents) -> DeterminantCell {
+        let [[xu, yu], [xv, yv]] = tangents;
+        let det = BoundedBernstein::sum_of_products(&[(sign, xu, yv), (-sign, yu, xv)]);
         let (mu, mv) = (xu.magnitude().max(yu.magnitude()), xv.magnitude().max(yv.magnitude()));
         let [du, dv] = self.slope_rounding(at);
-        (det, 2.0 * (du * mv + dv * mu))
+        self.cell(at, sign, (det, 2.0 * (du * mv + dv * mu)), None)
     }
 
     /// Change of the derivatives' Bézier points at an end of the patch when coordinates are rounded.
@@ -158,7 +197,8 @@ impl<'a> PatchDeterminant<'a> {
         })
     }
 
-    fn rational(&self, at: [usize; 2], sign: f64) -> (BoundedBernstein, f64, Option<Arc<Weight>>) {
+    /// Homogeneous coordinates X, Y, W of a rational patch, and their derivatives.
+    fn homogeneous(&self, at: [usize; 2]) -> Homogeneous {
         let width = self.patch.shape[1];
         let [eu, ev] = &self.values;
         let (i0, j0) = (eu.first[at[0]], ev.first[at[1]]);
@@ -172,8 +212,15 @@ impl<'a> PatchDeterminant<'a> {
             })
         });
         let ends = [eu.ends[at[0]], ev.ends[at[1]]];
-        let slopes: [[BoundedBernstein; 3]; 2] =
+        let slopes =
             std::array::from_fn(|d| std::array::from_fn(|c| h[c].derivative(d, ends[d][1] - ends[d][0], U)));
+        (h, slopes)
+    }
+
+    fn rational(&self, at: [usize; 2], sign: f64, (h, slopes): Homogeneous) -> DeterminantCell {
+        let width = self.patch.shape[1];
+        let [eu, ev] = &self.values;
+        let (i0, j0) = (eu.first[at[0]], ev.first[at[1]]);
         let minor = |a: usize, b: usize| {
             let [u, v] = &slopes;
             BoundedBernstein::sum_of_products(&[(sign, &u[a], &v[b]), (-sign, &u[b], &v[a])])
@@ -188,12 +235,14 @@ impl<'a> PatchDeterminant<'a> {
         let d0 = DATA_ULPS * U * self.size * w;
         let zero = 2.0 * (d0 * (mu * wv + mv * wu) + du * (m * wv + mv * w) + dv * (m * wu + mu * w));
 
-        let polynomial = h.into_iter().nth(2).expect("three components");
+        let [_, _, polynomial] = h;
         let rows = (0..=eu.degree).map(|a| (i0 + a) * width + j0);
         let weights = rows.flat_map(|k| &self.weights[k..=k + ev.degree]);
         let (low, high) =
             weights.fold((f64::INFINITY, 0.0), |(lo, hi), &w| (f64::min(lo, w), f64::max(hi, w)));
-        let bounds = [ends[0][0], ends[0][1], ends[1][0], ends[1][1]];
-        (det, zero, Some(Arc::new(Weight { polynomial, bounds, low, high })))
+        let (u, v) = (eu.ends[at[0]], ev.ends[at[1]]);
+        let bounds = [u[0], u[1], v[0], v[1]];
+        let weight = Arc::new(Weight { polynomial, bounds, low, high });
+        self.cell(at, sign, (det, zero), Some(weight))
     }
 }

@@ -162,6 +162,17 @@ impl BoundedBernstein {
     ///
     /// Each of the `n` averages rounds once, relative to the largest coefficient.
     pub fn halve(&self, axis: usize) -> [Self; 2] {
+        self.cut(axis, 1.0, |a, b| 0.5 * (a + b))
+    }
+
+    /// The parts before and after `t` along `axis`.
+    ///
+    /// Each of the `n` averages takes the roundings of 1 - t, of two products and of a sum.
+    pub fn split(&self, axis: usize, t: f64) -> [Self; 2] {
+        self.cut(axis, 4.0, |a, b| (1.0 - t) * a + t * b)
+    }
+
+    fn cut(&self, axis: usize, roundings: f64, average: impl Fn(f64, f64) -> f64) -> [Self; 2] {
         let n = self.degrees[axis];
         let width = self.degrees[1] + 1;
         let (step, lines, stride) =
@@ -171,25 +182,61 @@ impl BoundedBernstein {
             let at = |i: usize| line * stride + i * step;
             for level in 1..=n {
                 for i in 0..=n - level {
-                    high.coefs[at(i)] = 0.5 * (high.coefs[at(i)] + high.coefs[at(i + 1)]);
+                    high.coefs[at(i)] = average(high.coefs[at(i)], high.coefs[at(i + 1)]);
                 }
                 low.coefs[at(level)] = high.coefs[at(0)];
             }
         }
-        let err = self.err + SLACK * n as f64 * U * (self.magnitude() + self.err) + TINY;
+        let err = self.err + SLACK * roundings * n as f64 * U * (self.magnitude() + self.err) + TINY;
         low.err = err;
         high.err = err;
         [low, high]
     }
 
+    /// The polynomial that is one, in a form of these degrees.
+    pub fn one(degrees: [usize; 2]) -> Self {
+        Self { degrees, coefs: vec![1.0; (degrees[0] + 1) * (degrees[1] + 1)], err: 0.0 }
+    }
+
+    /// Times a power of two, which rounds nothing but what becomes subnormal.
+    pub fn times_power(&self, power: f64) -> Self {
+        let coefs = self.coefs.iter().map(|c| power * c).collect();
+        Self::new(self.degrees, coefs, power * self.err + TINY)
+    }
+
+    /// Value at the centre, and a bound on its error: weights are exact, a sum has as many roundings as terms.
+    pub fn centre(&self) -> (f64, f64) {
+        let [m, n] = self.degrees;
+        let rows = self.coefs.chunks_exact(n + 1);
+        let value: f64 = rows.zip(&BINOMIALS[m]).map(|(row, b)| b * dot(row, &BINOMIALS[n])).sum();
+        let err = SLACK * (m + n + 6) as f64 * U * self.magnitude() + self.err + TINY;
+        (value * 0.5f64.powi((m + n) as i32), err)
+    }
+
     /// Value at `(s, t)` in the unit square, without a bound.
     pub fn value(&self, s: f64, t: f64) -> f64 {
-        let basis = |n: usize, x: f64| -> Vec<f64> {
-            (0..=n).map(|i| BINOMIALS[n][i] * x.powi(i as i32) * (1.0 - x).powi((n - i) as i32)).collect()
-        };
         let (bu, bv) = (basis(self.degrees[0], s), basis(self.degrees[1], t));
         self.coefs.chunks_exact(bv.len()).zip(&bu).map(|(row, b)| b * dot(row, &bv)).sum()
     }
+
+    /// Values on a grid, without bounds: `bu` and `bv` hold the basis at its nodes, a row a node.
+    pub fn grid(&self, bu: &[Vec<f64>], bv: &[Vec<f64>]) -> Vec<f64> {
+        let n = bv.len();
+        let rows = self.coefs.chunks_exact(self.degrees[1] + 1);
+        let along: Vec<f64> = rows.flat_map(|row| bv.iter().map(|b| dot(row, b))).collect();
+        let mut values = vec![0.0; bu.len() * n];
+        for (out, b) in values.chunks_exact_mut(n).zip(bu) {
+            for (row, b) in along.chunks_exact(n).zip(b) {
+                out.iter_mut().zip(row).for_each(|(o, x)| *o += b * x);
+            }
+        }
+        values
+    }
+}
+
+/// Bernstein polynomials of degree `n` at `x`.
+pub fn basis(n: usize, x: f64) -> Vec<f64> {
+    (0..=n).map(|i| BINOMIALS[n][i] * x.powi(i as i32) * (1.0 - x).powi((n - i) as i32)).collect()
 }
 
 /// Dot product of equally long slices.
