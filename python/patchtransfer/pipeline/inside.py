@@ -23,7 +23,7 @@ from .result import TransferResult, functions_of_place
 from .sliding import SlideReport, slide_joints
 from .source_boundary import SourceBoundary
 
-__all__ = ["attempt", "slide"]
+__all__ = ["SLID_BACK", "attempt", "slide"]
 
 #: Mean scaled Jacobian of what `parameterize` makes of an outline: 0.99 in the median of 172 drawings, 0.96 at 5 %. Of
 #: eleven results between drawings that were further below the target's own layout was better by more than 0.1 in nine,

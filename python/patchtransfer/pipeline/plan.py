@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple, Unpack
 from numpy.typing import ArrayLike
 
 from ..errors import InfeasibleTargetError, InputError, TransferError
-from ..fitting.fit import FittedBoundary
-from ..fitting.refinement import Knot, lone_spans, missed_spans, span_middles
+from ..fitting.refinement import Knot, lone_spans, span_middles
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..gradients.frozen import Frozen
 from ..interior.solver import InteriorSolver
-from ..progress import FIRST, Progress
+from ..progress import Progress
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from ..registration.register import Registration
 from .accepted import accepted
@@ -33,10 +32,10 @@ from .opening import smooth_corners
 from .options import Run, TransferOptions
 from .posed import Registered
 from .refilled import Refilled, filled, frozen
-from .refined import finer, refined_note
+from .refined import Finer, finer, to_tolerance
 from .result import TransferResult, failure_of, split_advice
 from .sliding import movable_joints
-from .smoother import Finer, smoothed
+from .smoother import smoothed
 from .source_boundary import SourceBoundary
 from .split_or_whole import split_or_whole
 from .splitting import onto_split, with_near_joints_moved
@@ -47,8 +46,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Refilled", "TransferPlan"]
 
-#: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
-REFINEMENTS = 6
 #: Part of the work for a source as it is, and for the refined one, where both may be tried.
 HALF = 0.5
 #: What a step on a source with a knot more in every span costs, in steps on the source itself.
@@ -214,22 +211,19 @@ class TransferPlan:
         """The result with the plan's own patches, the source refined where that is asked for and helps."""
         chosen = run.options
         movable = [] if chosen.fixed_correspondence else movable_joints(registered.registration, landmarks)
-        fitted = self._boundary.fit(registered.registration, run)
-        plan, notes = self, list(self._notes)
+        now, notes = Finer(self._boundary, self._interior, registered, self._with_knots), list(self._notes)
+        fitted = now.fit(run)
         if chosen.refines:
             run = run.part(HALF)
         if fitted.error > chosen.refined_beyond:
-            plan, registered, fitted, refined = self._refined_to_tolerance(registered, fitted, run)
+            now, fitted, refined = to_tolerance(now, fitted, run)
             notes += refined
-        result = attempt(registered, fitted, movable, plan._boundary, plan._interior, run)
-        cost = FINER * plan._interior.step_cost
-        enough = run.budget.steps(cost, FIRST) == FIRST
-        if chosen.refines and not result.certificate.injective and enough:
+        result = attempt(now.registered, fitted, movable, now.boundary, now.interior, run)
+        if chosen.refines and not result.certificate.injective and not run.budget.expired():
             with run.clock("refinement") as stage:
-                plan, registered = plan._refined(span_middles(plan.source.patches), registered)
-                stage.found = f"all spans halved, {plan.source.topology.n_points} control points"
-            fitted = plan._boundary.fit(registered.registration, run)
-            finer = attempt(registered, fitted, movable, plan._boundary, plan._interior, run)
+                now = now.refine(span_middles(now.source.patches), now.registered)
+                stage.found = f"all spans halved, {now.source.topology.n_points} control points"
+            finer = attempt(now.registered, now.fit(run), movable, now.boundary, now.interior, run)
             if finer.certificate.injective:
                 result, note = finer, "the source was refined uniformly: one knot in every span of every patch"
             else:
@@ -237,13 +231,10 @@ class TransferPlan:
                 note = "a uniform refinement of the source was tried: no certified map was found"
             notes.append(note)
         if self.continuity == "c1" and chosen.method == "certified" and result.certificate.injective:
-            now = Finer(plan._boundary, plan._interior, registered, plan._with_knots)
-            result, smoother = smoothed(result, now, run)
-            notes += smoother
-        points = (result.multipatch.topology.n_points, self.source.topology.n_points)
+            result = smoothed(result, now, run)
         return replace(
             result.with_warnings(notes),
-            refined=points[0] != points[1],
+            refined=result.multipatch.topology.n_points != self.source.topology.n_points,
             split=None if self.split is None else replace(self.split, corners=registered.handed),
         )
 
@@ -448,25 +439,6 @@ class TransferPlan:
         """
         given = self.source.topology.coordinates if points is None else points
         return frozen(given, self._boundary, self._interior, progress)
-
-    def _refined_to_tolerance(
-        self, registered: Registered, fitted: FittedBoundary, run: Run
-    ) -> tuple[TransferPlan, Registered, FittedBoundary, list[str]]:
-        """Insert knots where the fit misses the target, until it reaches the tolerance."""
-        plan, count, tolerance = self, 0, run.options.fit_tolerance
-        for _ in range(REFINEMENTS):
-            if fitted.error <= tolerance or run.budget.expired():
-                break
-            with run.clock("refinement") as stage:
-                knots = missed_spans(registered.registration, fitted, plan.source.topology.loops, tolerance)
-                plan, registered = plan._refined(knots, registered)
-                stage.found = f"{len(knots)} boundary spans halved, {plan.source.topology.n_points} control points"
-            count += len(knots)
-            fitted = plan._boundary.fit(registered.registration, run)
-        if plan is self:
-            return plan, registered, fitted, []
-        note = refined_note(f"knots in {count} boundary spans", self.source, plan.source)
-        return plan, registered, fitted, [note]
 
     def _with_knots(self, knots: Sequence[Knot], registered: Registered) -> Finer:
         plan, registered = self._refined(knots, registered)

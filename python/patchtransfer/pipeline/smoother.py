@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from ..fitting.refinement import Knot
 from ..geometry.multipatch import MultiPatch
-from ..interior.solver import InteriorSolver
 from ..measure.smooth_spans import InterfaceSpans, c1_share, obstacles, share_of, smooth_spans
-from .inside import attempt
+from .inside import SLID_BACK, attempt
 from .options import Run
-from .posed import Registered
-from .refined import finer, refined_note
+from .refined import Finer, finer, refined_note
 from .result import TransferResult
-from .source_boundary import SourceBoundary
 
-__all__ = ["Finer", "rough_middles", "smoothed"]
+__all__ = ["rough_middles", "smoothed"]
 
 #: Below this share of C1 a transfer says so.
 LOW_SHARE = 0.5
@@ -27,15 +23,6 @@ LOW_SHARE = 0.5
 NAMED = 3
 #: Rounds of knot insertion at most; each halves spans that are not C1.
 ROUNDS = 8
-
-
-class Finer(NamedTuple):
-    """What a transfer goes on with when its source has more knots, and how it gets still more of them."""
-
-    boundary: SourceBoundary
-    interior: InteriorSolver
-    registered: Registered
-    refine: Callable[[Sequence[Knot], Registered], Finer]
 
 
 def rough_middles(mp: MultiPatch, wanted: float) -> list[Knot]:
@@ -62,14 +49,14 @@ def rough_middles(mp: MultiPatch, wanted: float) -> list[Knot]:
     return knots
 
 
-def smoothed(result: TransferResult, now: Finer, run: Run) -> tuple[TransferResult, list[str]]:
+def smoothed(result: TransferResult, now: Finer, run: Run) -> TransferResult:
     """Insert knots where interfaces are not C1, until as much of them is as was asked for, and say so.
 
     The boundary stays: nothing is fitted or slid anew. Without such a wish it is only said where little is C1.
     """
     wanted = run.options.c1_share
     if wanted is None:
-        return result, _low_share_note(result.multipatch)
+        return result.with_warnings(_low_share_note(result.multipatch))
     best, count, why = result, 0, f"{ROUNDS} rounds of knots did not suffice"
     for _ in range(ROUNDS):
         if share_of(best.multipatch) >= wanted:
@@ -88,7 +75,9 @@ def smoothed(result: TransferResult, now: Finer, run: Run) -> tuple[TransferResu
             why = "with more knots no certified map was found"
             break
         best, count = replace(found, sliding=best.sliding), count + len(knots)
-    share, notes = share_of(best.multipatch), []
+    share = share_of(best.multipatch)
+    # What was said of joints is still so; all else is said anew of the finer map.
+    notes = [text for text in result.warnings if count and text == SLID_BACK]
     if count:
         note = refined_note(
             f"for C1 across patches, knots in {count} spans of interfaces", result.multipatch, best.multipatch
@@ -99,7 +88,7 @@ def smoothed(result: TransferResult, now: Finer, run: Run) -> tuple[TransferResu
             f"c1_share={wanted:g} is not reached: C1 on {share:.2f} of the interfaces' length; not at "
             f"{_places(smooth_spans(best.multipatch))}; {why}"
         )
-    return best, notes
+    return best.with_warnings(notes)
 
 
 def _low_share_note(mp: MultiPatch) -> list[str]:
