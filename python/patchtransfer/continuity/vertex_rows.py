@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..geometry.basis import collocation_matrix, knot_spans, reverse_knots
 from ..geometry.topology import Vertex
-from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.arrays import FloatArray, IntArray, among
 from ..numeric.dense import svd
 from .interfaces import ControlRows, frames
 
@@ -91,16 +91,15 @@ class VertexRows:
         rows of a symmetric map depend there, so that one of them is left out as well. On few spans `of` combines them.
         """
         here: NDArray[np.bool_] = ~self._never & ~(self._few & self._own(relaxed))
-        here &= ~np.isin(self.vertex, list(open_vertices))
+        here &= ~among(self.vertex, open_vertices)
         logs = self._sense * np.log(ratios[self.interface] * self.scales[:, 0] / self.scales[:, 1])
         around = np.array([logs[self.vertex == self.vertex[k]].sum() for k in self._first])
-        here[self._first[(np.abs(around) < SINGULAR) | np.isin(self.vertex[self._first], list(relaxed))]] = False
+        here[self._first[(np.abs(around) < SINGULAR) | among(self.vertex[self._first], relaxed)]] = False
         return here
 
     def _own(self, relaxed: Collection[int]) -> NDArray[np.bool_]:
         """Ends at relaxed vertices where one row is not left out: they have ratios of their own, or no second row."""
-        found: NDArray[np.bool_] = np.isin(self.vertex, list(set(relaxed) - set(self.vertex[self._first].tolist())))
-        return found
+        return among(self.vertex, set(relaxed) - set(self.vertex[self._first].tolist()))
 
     def tangents_only(self, second: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Interfaces of few spans with no second row at either end, where C1 rows would raise the kink.
@@ -142,11 +141,11 @@ class VertexRows:
         row, columns, entries = np.arange(len(end)).repeat(6), self.points[end].ravel(), data[end, order].ravel()
         gone = np.zeros(len(end), bool)
         for ends in self._shared:
-            rows = np.flatnonzero(np.isin(end, ends) & (order == 1))
+            rows = np.flatnonzero(among(end, ends) & (order == 1))
             if len(rows) < len(ends):
                 continue
             mixed = self._mixed(end[rows], fading)
-            others = ~np.isin(row, rows)
+            others = ~among(row, rows)
             row = np.concatenate([row[others], rows[:-1].repeat(6 * len(rows))])
             columns = np.concatenate([columns[others], np.tile(self.points[end[rows]].ravel(), len(mixed))])
             entries = np.concatenate([entries[others], (mixed[:, :, None] * fading[end[rows]]).ravel()])

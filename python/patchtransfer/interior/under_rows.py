@@ -19,7 +19,7 @@ from ..continuity.rows import ContinuityRows
 from ..geometry.multipatch import MultiPatch
 from ..geometry.straight_corners import corner_triangles
 from ..geometry.topology import Spoke, Topology
-from ..numeric.arrays import FloatArray, distinct
+from ..numeric.arrays import FloatArray, among, distinct
 from ..progress import Budget, Progress
 from ..proof.certificate import Certificate
 from .optimizer import Certify, SplineOptimizer, optimize_with_ladder
@@ -338,7 +338,7 @@ class _Corners:
 
     def with_rows(self, rows: ContinuityRows, points: FloatArray) -> FloatArray:
         """The nearest points that satisfy the C1 rows of the first points of interfaces, all other rows aside."""
-        chosen = np.flatnonzero(np.isin(rows.slave, self._first))
+        chosen = np.flatnonzero(among(rows.slave, self._first))
         return nearest(rows, chosen, self._interior, points) if len(chosen) else points
 
     def _jacobians(self, points: FloatArray) -> FloatArray:

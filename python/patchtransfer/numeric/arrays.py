@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 
-__all__ = ["FloatArray", "IntArray", "distinct", "finite_or_none", "frozen_array", "same_bits"]
+__all__ = ["FloatArray", "IntArray", "among", "distinct", "finite_or_none", "frozen_array", "same_bits"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -34,6 +35,14 @@ def distinct(values: NDArray[Any]) -> NDArray[Any]:
     first = np.ones(len(found), bool)
     first[1:] = found[1:] != found[:-1]
     return found[first]
+
+
+def among(values: NDArray[Any], chosen: Iterable[Any]) -> NDArray[np.bool_]:
+    """Which of the values (n,) are among the chosen: as `numpy.isin`, which loads NumPy's masked arrays for that."""
+    known = np.sort(np.array(list(chosen), values.dtype))
+    if not len(known):
+        return np.zeros(len(values), bool)
+    return np.asarray(known[np.searchsorted(known, values).clip(max=len(known) - 1)] == values)
 
 
 def same_bits(a: Any, b: Any, names: tuple[str, ...]) -> bool:

@@ -17,7 +17,7 @@ from ..geometry.curve import BSplineCurve
 from ..geometry.outline import Outline
 from ..geometry.sides import CORNERS
 from ..geometry.topology import Topology
-from ..numeric.arrays import FloatArray
+from ..numeric.arrays import FloatArray, among
 from ..proof.certificate import BoundaryReport, check_boundary
 from ..proof.feasibility import Corner, check_corners, check_loops, check_report, check_target_corners
 from ..registration.register import Registration, register
@@ -227,8 +227,8 @@ def _evened(registration: Registration, report: BoundaryReport) -> Registration:
     for k, loop in enumerate(registration.loops):
         joints, images = loop.source.joints, loop.joints
         side = np.searchsorted(joints, loop.anchors[:, 0], side="right") - 1
-        uneven = np.isin(side, [i for m, i in sides if m == k]) & ~np.isin(loop.anchors[:, 0], joints)
+        uneven = among(side, [i for m, i in sides if m == k]) & ~among(loop.anchors[:, 0], joints)
         ends = np.column_stack([joints, images])
-        kept = np.concatenate([loop.anchors[~uneven], ends[~np.isin(joints, loop.anchors[~uneven, 0])]])
+        kept = np.concatenate([loop.anchors[~uneven], ends[~among(joints, loop.anchors[~uneven, 0])]])
         loops.append(replace(loop, anchors=kept[np.argsort(kept[:, 0], kind="stable")]))
     return replace(registration, loops=tuple(loops))

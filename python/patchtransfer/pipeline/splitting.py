@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..geometry.outline import Outline
 from ..geometry.splitting import Cuts, Origin
 from ..geometry.topology import BoundarySide
-from ..numeric.arrays import FloatArray
+from ..numeric.arrays import FloatArray, among
 from ..registration.free_joints import joints_to_corners, warped
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from ..registration.missed_corners import missed_corners, missed_warnings
@@ -171,10 +171,10 @@ def _evened(loop: LoopRegistration, sides: Sequence[int]) -> LoopRegistration:
         return loop
     joints = loop.source.joints
     side = np.searchsorted(joints, loop.anchors[:, 0], side="right") - 1
-    gone = np.isin(side, sides) & ~np.isin(loop.anchors[:, 0], joints)
+    gone = among(side, sides) & ~among(loop.anchors[:, 0], joints)
     rows = np.concatenate([loop.anchors[~gone], np.column_stack([joints, loop.joints])])
-    _, first = np.unique(rows[:, 0], return_index=True)
-    return replace(loop, anchors=rows[first])
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    return replace(loop, anchors=rows[np.diff(rows[:, 0], prepend=-1.0) > 0])
 
 
 def _moved(loop: LoopRegistration, starts: FloatArray, outline: Outline) -> LoopRegistration:
