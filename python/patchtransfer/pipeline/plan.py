@@ -21,7 +21,7 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..gradients.frozen import Frozen
 from ..interior.solver import InteriorSolver
-from ..progress import Progress
+from ..progress import FIRST, Progress
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from ..registration.register import Registration
 from .accepted import accepted
@@ -48,8 +48,8 @@ __all__ = ["Refilled", "TransferPlan"]
 
 #: Part of the work for a source as it is, and for the refined one, where both may be tried.
 HALF = 0.5
-#: What a step on a source with a knot more in every span costs, in steps on the source itself.
-FINER = 4
+#: What a step on a source with all spans halved costs, in steps on the source itself.
+HALVED = 4
 
 
 class TransferPlan:
@@ -219,7 +219,8 @@ class TransferPlan:
             now, fitted, refined = to_tolerance(now, fitted, run)
             notes += refined
         result = attempt(now.registered, fitted, movable, now.boundary, now.interior, run)
-        if chosen.refines and not result.certificate.injective and not run.budget.expired():
+        enough = run.budget.steps(HALVED * now.interior.step_cost, FIRST) == FIRST
+        if chosen.refines and not result.certificate.injective and enough:
             with run.clock("refinement") as stage:
                 now = now.refine(span_middles(now.source.patches), now.registered)
                 stage.found = f"all spans halved, {now.source.topology.n_points} control points"
