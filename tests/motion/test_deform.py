@@ -180,3 +180,48 @@ def test_bad_input(wrench):
         wrench.deform([row], radius=-1.0)
     with pytest.raises(InputError, match="on_failure"):
         wrench.deform([row], on_failure="ignore")
+
+
+@pytest.fixture(scope="module")
+def held():
+    return Deformer(examples.load("wrench")[0], frozen=True)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(0, 1), st.floats(0, 2 * np.pi), st.floats(0.5, 4))
+def test_drags_under_held_rows_have_the_same_boundary_and_are_as_good(wrench, held, fraction, angle, size):
+    rows = [handle(wrench.multipatch, fraction, (size * np.cos(angle), size * np.sin(angle)))]
+    try:
+        free = wrench.deform(rows)
+    except (InfeasibleTargetError, NotCertifiedError) as error:
+        with pytest.raises(type(error)):
+            held.deform(rows)
+        return
+    result = held.deform(rows)
+    assert pt.certify(result.multipatch).injective
+    on = result.multipatch.topology.boundary_points
+    np.testing.assert_array_equal(result.multipatch.topology.coordinates[on], free.multipatch.topology.coordinates[on])
+    means = [pt.quality(r.multipatch).scaled_jacobian.mean for r in (result, free)]
+    assert means[0] > means[1] - 0.005
+    assert result.log[0].startswith("under the model's own rows")
+
+
+def test_under_held_rows_nearby_handles_give_nearby_maps(held):
+    """Rows that follow the boundary jump; frozen, a drag of a millionth moves points by about as much."""
+    base = np.array([handle(held.multipatch, 0.3, (2.0, 3.0))])
+    step = 1e-6 * held.multipatch.diameter
+    points = [held.deform(base + np.array([0, 0, d, 0])).multipatch.topology.coordinates for d in (-step, 0.0, step)]
+    first, second = points[1] - points[0], points[2] - points[1]
+    assert 0.5 * step < np.abs(first).max() < 5 * step
+    np.testing.assert_allclose(first, second, atol=1e-3 * step)
+
+
+def test_where_held_rows_find_no_map_others_are_tried(held, monkeypatch):
+    def none(*_args, **_options):
+        raise InfeasibleTargetError("fill: none")
+
+    monkeypatch.setattr(held, "_frozen", type("None", (), {"fill": none, "boundary_points": np.array([0])})())
+    result = held.deform([handle(held.multipatch, 0.3, (2.0, 3.0))])
+    assert result.certificate.injective
+    assert "no map without folds" in result.log[0]
+    assert len(result.log) > 1
