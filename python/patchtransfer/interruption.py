@@ -89,8 +89,10 @@ def caught() -> Iterator[None]:
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Hold Ctrl-C back while processes are started: they never see one, this process does afterwards."""
-    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
+    """Hold Ctrl-C back, from processes that are started meanwhile too; this process sees it afterwards."""
+    on_main_thread = threading.current_thread() is threading.main_thread()
+    # A handler that is not Python's could not be put back.
+    if not on_main_thread or not hasattr(signal, "pthread_sigmask") or signal.getsignal(signal.SIGINT) is None:
         yield
         return
     seen: list[int] = []

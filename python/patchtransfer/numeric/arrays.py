@@ -9,12 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._core import product
 from ..errors import InputError
+from ..interruption import held_back
 
 __all__ = ["FloatArray", "IntArray", "among", "distinct", "finite_or_none", "frozen_array", "same_bits"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+with held_back():
+    # The core looks NumPy up at its first array, by Python code in which an interruption would be a panic.
+    product(np.ones((1, 1, 1)), np.ones((1, 1, 1)))
 
 
 def frozen_array(values: ArrayLike, what: str) -> FloatArray:
