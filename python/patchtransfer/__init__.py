@@ -23,6 +23,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 display.draw_with(
     lambda shown: import_module(".plot", __name__).png(shown),
     lambda shown: import_module(".plot", __name__).html(shown),
+    lambda shown: import_module(".web.report", __name__).transfer_page(shown),
 )
 exchange.find_with(lambda name: getattr(import_module(".interop", __name__), name))
 blocks.renumber_with(lambda block, parts: import_module(".io.gismo.renumbering", __name__).renumbered(block, parts))

@@ -6,13 +6,15 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import continuity_option, outline_options, transfer_options, verbose_option
+from ..files import write_atomic
+from .options import continuity_option, html_option, outline_options, transfer_options, verbose_option
 from .streams import one_line, print_error, print_line, say, table, told
-from .support import INTERRUPTED, NOT_CERTIFIED, Report, failures, keep_inputs
+from .support import INTERRUPTED, NOT_CERTIFIED, Report, check_outputs, command_line, failures, keep_inputs
 
 if TYPE_CHECKING:
     from ..batch import BatchRow
@@ -31,6 +33,7 @@ __all__ = ["batch"]
     "--workers", type=click.IntRange(1, 256), metavar="N", help="Processes (default: one a core, at most one a target)."
 )
 @click.option("--force", is_flag=True, help="Do finished targets again.")
+@html_option
 @verbose_option
 def batch(
     source: str,
@@ -39,6 +42,7 @@ def batch(
     continuity: str,
     workers: int | None,
     force: bool,
+    html_path: str | None,
     verbose: bool,
     **options: Any,
 ) -> None:
@@ -52,7 +56,8 @@ def batch(
 
     processes = min(os.cpu_count() or 1, len(targets)) if workers is None else workers
     with failures(Report(None)):
-        keep_inputs([source, *targets], [os.path.join(output, name) for name in SUMMARY])
+        check_outputs(page=html_path)
+        keep_inputs([source, *targets], [html_path, *(os.path.join(output, name) for name in SUMMARY)])
         try:
             with _bar(len(targets), verbose) as progress:
                 rows = run_batch(
@@ -69,6 +74,10 @@ def batch(
             print_error("interrupted; finished targets are kept, run the same command again to resume")
             sys.exit(INTERRUPTED)
         write_summary(rows, output)
+        if html_path is not None:
+            from ..web.index import index_page
+
+            write_atomic(Path(html_path), index_page(source, rows, Path(html_path).parent, command_line()))
         _table(rows)
     sys.exit(0 if all(row.ok for row in rows) else NOT_CERTIFIED)
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
+from ..files import write_atomic
 from ..progress import Clock
 from .streams import one_line, print_line, say, table, told, warn
-from .support import NOT_CERTIFIED, Report, all_or_nothing
+from .support import NOT_CERTIFIED, Report, all_or_nothing, command_line
 from .watch import watched
 
 if TYPE_CHECKING:
@@ -26,17 +29,19 @@ def deliver(
     output: str,
     report: Report,
     pictures: Sequence[tuple[str | None, Callable[[str], None]]],
+    html_path: str | None,
     outline: Boundary,
     verbose: bool = False,
 ) -> None:
     """Write pictures (path, or None for none, and what draws there), model and report, all or none of them.
 
-    The report has the outline's notes besides.
+    The report has the outline's notes besides, and so has the page.
     """
     from .. import io
     from ..pipeline.result import failure_of
 
     content = result.to_dict() | {"notes": list(outline.notes)}
+    pictures = [*pictures, (html_path, partial(_write_page, result, command_line(), outline.notes))]
     error = failure_of(result)
     if error is not None:
         content["error"] = str(error)
@@ -52,6 +57,12 @@ def deliver(
             summary(content, output)
     for note in outline.notes:
         print_line(told("note", note, "cyan"))
+
+
+def _write_page(result: TransferResult, command: str | None, notes: Sequence[str], path: str) -> None:
+    from ..web.report import transfer_page
+
+    write_atomic(Path(path), transfer_page(result, command, notes))
 
 
 def leave(result: TransferResult) -> NoReturn:

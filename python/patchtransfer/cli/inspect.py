@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..errors import InputError
+from ..files import write_atomic
 from ..limits import MAX_ALONG, MAX_CONTROL_POINTS, MAX_DEGREE, at_most
 from .delivery import summary
-from .options import json_option
+from .options import html_option, json_option
 from .streams import say, warn
-from .support import NOT_CERTIFIED, Report, all_or_nothing, check_outputs, failures, keep_inputs
+from .support import NOT_CERTIFIED, Report, all_or_nothing, check_outputs, command_line, failures, keep_inputs
 
 if TYPE_CHECKING:
     from ..geometry.multipatch import MultiPatch
@@ -91,8 +93,9 @@ def refine(
 
 @click.command()
 @click.argument("file", type=click.Path())
+@html_option
 @json_option
-def check(file: str, json_path: str | None) -> None:
+def check(file: str, html_path: str | None, json_path: str | None) -> None:
     """Topology, certificate, quality and continuity of the multi-patch FILE."""
     from .. import io
     from ..geometry.conformity.coincidences import coincidences
@@ -104,22 +107,28 @@ def check(file: str, json_path: str | None) -> None:
 
     report = Report(json_path)
     with failures(report):
-        check_outputs(report=json_path)
-        keep_inputs([file], [json_path])
+        check_outputs(page=html_path, report=json_path)
+        keep_inputs([file], [html_path, json_path])
         model = io.read(file)
         certificate = certify(model)
         degenerate = [(cell.patch, cell.corner) for cell in certificate.cells if cell.kind == "degenerate"]
         unglued = [c.text for c in coincidences(model.patches, model.interfaces)]
+        metrics, continuity = quality(model, exclude=degenerate, proved=can_be_proved(model)), check_continuity(model)
         content = {
             "topology": _topology(model),
             "labels": plain(model.sides),
             "certificate": certificate.to_dict(),
-            "quality": quality(model, exclude=degenerate, proved=can_be_proved(model)).to_dict(),
-            "continuity": check_continuity(model).to_dict(),
+            "quality": metrics.to_dict(),
+            "continuity": continuity.to_dict(),
             "unglued": unglued,
             "error": None,
         }
-        with all_or_nothing(json_path):
+        with all_or_nothing(html_path, json_path):
+            if html_path is not None:
+                from ..web.report import model_page
+
+                page = model_page(model, certificate, metrics, continuity, command=command_line(), warnings=unglued)
+                write_atomic(Path(html_path), page)
             report.write(content)
             if json_path != "-":
                 summary(content, None)

@@ -17,6 +17,7 @@ __all__ = [
     "chosen",
     "continuity_option",
     "fit_tolerance_option",
+    "html_option",
     "json_option",
     "keep_uncertified_option",
     "outline_options",
@@ -25,6 +26,10 @@ __all__ = [
 ]
 
 json_option = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
+
+html_option = click.option(
+    "--html", "html_path", metavar="R.html", help="Report as one web page: pictures, certificate, quality, continuity."
+)
 
 verbose_option = click.option(
     "-v", "--verbose", is_flag=True, help="A line on standard error for every stage: its seconds, what it came to."

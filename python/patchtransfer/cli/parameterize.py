@@ -11,6 +11,7 @@ from .delivery import deliver, draw_patches, leave
 from .options import (
     continuity_option,
     fit_tolerance_option,
+    html_option,
     json_option,
     keep_uncertified_option,
     outline_options,
@@ -43,6 +44,7 @@ __all__ = ["parameterize"]
 @keep_uncertified_option
 @outline_options
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
+@html_option
 @json_option
 @verbose_option
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
@@ -58,6 +60,7 @@ def parameterize(
     time_limit: float | None,
     keep_uncertified: bool,
     plot_path: str | None,
+    html_path: str | None,
     json_path: str | None,
     verbose: bool,
     threads: int | None,
@@ -75,8 +78,8 @@ def parameterize(
 
     report = Report(json_path)
     with failures(report):
-        check_outputs(model=output, picture=plot_path, report=json_path)
-        keep_inputs([outline], [output, plot_path, json_path])
+        check_outputs(model=output, picture=plot_path, page=html_path, report=json_path)
+        keep_inputs([outline], [output, plot_path, html_path, json_path])
         set_threads(threads)
         with watched(verbose, _stage) as progress:
             with Clock(ended=progress and progress.ended)("reading") as stage:
@@ -94,7 +97,7 @@ def parameterize(
                 on_failure="return" if keep_uncertified else "raise",
                 progress=progress,
             )
-        deliver(result, output, report, [(plot_path, partial(draw_patches, result))], boundary, verbose)
+        deliver(result, output, report, [(plot_path, partial(draw_patches, result))], html_path, boundary, verbose)
     leave(result)
 
 

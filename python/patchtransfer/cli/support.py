@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import warnings
 from collections.abc import Iterable, Iterator
@@ -24,6 +25,7 @@ __all__ = [
     "Report",
     "all_or_nothing",
     "check_outputs",
+    "command_line",
     "failures",
     "keep_inputs",
     "only_own_warnings",
@@ -31,6 +33,7 @@ __all__ = [
 ]
 
 NOT_CERTIFIED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+COMMAND_LINE = "patchtransfer.command_line"
 
 
 @contextmanager
@@ -100,6 +103,15 @@ def _best_map(error: BaseException) -> dict[str, Any]:
 class Commands(click.Group):
     """Group of commands without tracebacks: also errors and interruptions outside of `failures` are one line."""
 
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        """The context, which remembers the command line for reports."""
+        line = shlex.join(["patchtransfer", *args])
+        context = super().make_context(info_name, args, parent, **extra)
+        context.meta[COMMAND_LINE] = line
+        return context
+
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; everything that goes wrong from here on is one line on standard error."""
         with interruption.caught(), only_own_warnings(), failures(Report(None)):
@@ -109,6 +121,12 @@ class Commands(click.Group):
         """Run the command; before click makes an "Aborted!" with status 1 of an interruption."""
         with failures(Report(None)):
             return super().invoke(ctx)
+
+
+def command_line() -> str | None:
+    """The command that runs, as one would type it; None outside of one."""
+    context = click.get_current_context(silent=True)
+    return None if context is None else context.meta.get(COMMAND_LINE)
 
 
 @contextmanager
@@ -153,7 +171,9 @@ def check_outputs(**outputs: str | None) -> None:
 
 
 def _suffixes(kind: str) -> tuple[str, ...]:
-    """Suffixes of the files that an output can be written to: "model", "picture" or "report"."""
+    """Suffixes of the files that an output can be written to: "model", "picture", "page" or "report"."""
+    if kind == "page":
+        return (".html", ".htm")
     if kind == "picture":
         # Pictures take time to load, and most commands make none.
         from ..plot.figures import SUFFIXES

@@ -9,7 +9,15 @@ import click
 
 from ..progress import Clock
 from .delivery import deliver, leave
-from .options import chosen, continuity_option, json_option, outline_options, transfer_options, verbose_option
+from .options import (
+    chosen,
+    continuity_option,
+    html_option,
+    json_option,
+    outline_options,
+    transfer_options,
+    verbose_option,
+)
 from .support import Report, check_outputs, failures, keep_inputs, set_threads
 from .watch import watched
 
@@ -31,6 +39,7 @@ __all__ = ["transfer"]
 @outline_options
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
 @click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
+@html_option
 @json_option
 @verbose_option
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
@@ -42,6 +51,7 @@ def transfer(
     continuity: str,
     plot_path: str | None,
     plot_registration: str | None,
+    html_path: str | None,
     json_path: str | None,
     verbose: bool,
     threads: int | None,
@@ -60,9 +70,9 @@ def transfer(
 
     report = Report(json_path)
     with failures(report):
-        check_outputs(model=output, picture=plot_path, report=json_path)
+        check_outputs(model=output, picture=plot_path, page=html_path, report=json_path)
         check_outputs(picture=plot_registration)
-        keep_inputs([source, target, landmarks], [output, plot_path, plot_registration, json_path])
+        keep_inputs([source, target, landmarks], [output, plot_path, plot_registration, html_path, json_path])
         set_threads(threads)
         with watched(verbose) as progress:
             with Clock(progress)("reading") as stage:
@@ -74,7 +84,7 @@ def transfer(
             (plot_path, partial(_draw_transfer, model, boundary, result)),
             (plot_registration, partial(_draw_registration, model, boundary, result)),
         ]
-        deliver(result, output, report, pictures, boundary, verbose)
+        deliver(result, output, report, pictures, html_path, boundary, verbose)
     leave(result)
 
 

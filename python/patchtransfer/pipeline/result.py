@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, TransferError
 from ..fitting.fit import FittedBoundary
+from ..geometry.display import as_page
 from ..geometry.labels import plain
 from ..geometry.multipatch import MultiPatch
 from ..gradients.frozen import Frozen
@@ -225,6 +226,18 @@ class TransferResult:
             "warnings": list(self.warnings),
             "error": None,
         }
+
+    def to_html(self) -> str:
+        """The report as one self-contained HTML document: pictures to look into, certificate, quality, continuity.
+
+        Examples
+        --------
+        >>> import patchtransfer as pt
+        >>> page = pt.transfer(*pt.examples.load("star")).to_html()
+        >>> page[:15], "certified" in page, "http" in page
+        ('<!doctype html>', True, False)
+        """
+        return as_page(self)
 
     def __repr__(self) -> str:
         return (
