@@ -29,6 +29,7 @@ from .io import read as read
 from .io import read_boundary as read_boundary
 from .io import read_landmarks as read_landmarks
 from .io import write as write
+from .io import write_landmarks as write_landmarks
 from .measure.bounds import Bounds as Bounds
 from .measure.bounds import ProvedQuality as ProvedQuality
 from .measure.continuity import ContinuityReport as ContinuityReport

@@ -515,3 +515,24 @@ def test_ctrl_c(files, monkeypatch):
 
     monkeypatch.setattr(pt.io, "read_boundary", interrupt)
     failed(run(*arguments(files)), 130, "interrupted; nothing was written")
+
+
+def test_landmarks_that_are_written_give_the_same_correspondence(tmp_path):
+    folder = inputs_of_transfer(tmp_path)
+    given = folder / "source.xml", folder / "target.xml"
+    found = folder / "found.csv"
+    done = run("transfer", *given, "-o", folder / "a.xml", "--write-landmarks", found, "--json", folder / "a.json")
+    assert done.exit_code == 0, done.output
+    rows = pt.read_landmarks(found)
+    joints = json.loads((folder / "a.json").read_text())["registration"]["joints"]
+    lines = found.read_text().splitlines()
+    assert lines[0] == "name,xs,ys,xt,yt"
+    for line, row in zip(lines[1:], rows, strict=True):
+        joint = joints[int(line.split(",")[0])]
+        np.testing.assert_allclose([*joint["source"], *joint["target"]], row, atol=1e-9)
+    done = run("transfer", *given, "-o", folder / "b.xml", "--landmarks", found, "--json", folder / "b.json")
+    assert done.exit_code == 0, done.output
+    again = json.loads((folder / "b.json").read_text())["registration"]["joints"]
+    for a, b in zip(joints, again, strict=True):
+        np.testing.assert_allclose(a["target"], b["target"], atol=0.02)
+    assert run("transfer", *given, "-o", folder / "c.xml", "--write-landmarks", folder / "c.txt").exit_code == 2

@@ -8,8 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
+import models
 import patchtransfer as pt
 from patchtransfer import InputError
+from patchtransfer.io import points
 from patchtransfer.io.interpolation import interpolate_outline
 
 
@@ -203,3 +205,35 @@ def test_bad_landmarks_name_the_line(tmp_path, text, message):
     with pytest.raises(InputError, match=message) as caught:
         pt.read_landmarks(path)
     assert str(caught.value).startswith(f"{path}: ")
+
+
+@given(st.lists(st.tuples(*[st.floats(-1e100, 1e100)] * 4), min_size=1, max_size=6), st.booleans())
+def test_landmarks_come_back_to_the_bit(tmp_path_factory, rows, named):
+    path = tmp_path_factory.mktemp("landmarks") / "l.csv"
+    names = [f"ear {k}" for k in range(len(rows))] if named else None
+    pt.write_landmarks(rows, path, names)
+    np.testing.assert_array_equal(pt.read_landmarks(path), np.array(rows))
+    assert points.read_named_landmarks(path.read_bytes())[1] == (names or [""] * len(rows))
+
+
+@pytest.mark.parametrize("name", ["a,b", "a#b", " a", "a\nb", "a  b"])
+def test_names_that_would_be_read_as_something_else_are_refused(tmp_path, name):
+    with pytest.raises(InputError, match=r"l\.csv: a landmark's name cannot be"):
+        pt.write_landmarks([[0, 0, 1, 1]], tmp_path / "l.csv", [name])
+    with pytest.raises(InputError, match="2 names for 1 landmarks"):
+        pt.write_landmarks([[0, 0, 1, 1]], tmp_path / "l.csv", [name, name])
+    assert not (tmp_path / "l.csv").exists()
+
+
+def test_landmarks_are_pairs_of_points_too():
+    mp = models.grid(2, 2, 2, 2, None)
+    target = mp.boundary()
+    rows = [((0, 0), (0, 0)), ((1, 0), (1, 0))]
+    corners = mp.topology.coordinates[[v.point for v in mp.vertices if v.valence == 1]]
+    pairs = [(corner, corner) for corner in corners]
+    flat = np.array(pairs).reshape(-1, 4)
+    a, b = pt.transfer(mp, target, pairs), pt.transfer(mp, target, flat)
+    assert a.multipatch == b.multipatch
+    np.testing.assert_array_equal(a.registration.landmarks, b.registration.landmarks)
+    with pytest.raises(InputError, match="pairs"):
+        pt.transfer(mp, target, np.zeros((len(rows), 3)))

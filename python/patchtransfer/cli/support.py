@@ -171,9 +171,11 @@ def check_outputs(**outputs: str | None) -> None:
 
 
 def _suffixes(kind: str) -> tuple[str, ...]:
-    """Suffixes of the files that an output can be written to: "model", "picture", "page" or "report"."""
+    """Suffixes of the files that an output can be written to: "model", "picture", "page", "landmarks" or "report"."""
     if kind == "page":
         return (".html", ".htm")
+    if kind == "landmarks":
+        return (".csv",)
     if kind == "picture":
         # Pictures take time to load, and most commands make none.
         from ..plot.figures import SUFFIXES

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 __all__ = ["transfer"]
 
+#: A landmark is at a joint if it is no farther, relative to the diameter: arc lengths are computed to 1e-8.
+ROUNDING = 1e-6
+
 
 @click.command()
 @click.argument("source", type=click.Path())
@@ -39,6 +42,11 @@ __all__ = ["transfer"]
 @outline_options
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
 @click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
+@click.option(
+    "--write-landmarks",
+    metavar="F.csv",
+    help="Landmarks that were given and found, named by the numbers of the pictures: correct them and hand them back.",
+)
 @html_option
 @json_option
 @verbose_option
@@ -51,6 +59,7 @@ def transfer(
     continuity: str,
     plot_path: str | None,
     plot_registration: str | None,
+    write_landmarks: str | None,
     html_path: str | None,
     json_path: str | None,
     verbose: bool,
@@ -71,8 +80,10 @@ def transfer(
     report = Report(json_path)
     with failures(report):
         check_outputs(model=output, picture=plot_path, page=html_path, report=json_path)
-        check_outputs(picture=plot_registration)
-        keep_inputs([source, target, landmarks], [output, plot_path, plot_registration, html_path, json_path])
+        check_outputs(picture=plot_registration, landmarks=write_landmarks)
+        keep_inputs(
+            [source, target, landmarks], [output, plot_path, plot_registration, write_landmarks, html_path, json_path]
+        )
         set_threads(threads)
         with watched(verbose) as progress:
             with Clock(progress)("reading") as stage:
@@ -83,9 +94,26 @@ def transfer(
         pictures = [
             (plot_path, partial(_draw_transfer, model, boundary, result)),
             (plot_registration, partial(_draw_registration, model, boundary, result)),
+            (write_landmarks, partial(_write_landmarks, result)),
         ]
         deliver(result, output, report, pictures, html_path, boundary, verbose)
     leave(result)
+
+
+def _write_landmarks(result: TransferResult, path: str) -> None:
+    """Those of the registration, each with the number of its joint in the pictures."""
+    import numpy as np
+
+    from .. import io
+
+    registration = result.registration
+    joints = np.array([source for source, _ in registration.joints])
+    names = []
+    for row in registration.landmarks:
+        gaps = np.hypot(*(joints - row[:2]).T)
+        # A landmark between joints has no number.
+        names.append(str(gaps.argmin()) if gaps.min() <= ROUNDING * result.multipatch.diameter else "")
+    io.write_landmarks(registration.landmarks, path, names)
 
 
 def _draw_transfer(source: MultiPatch, target: Boundary, result: TransferResult, path: str) -> None:

@@ -1,6 +1,5 @@
 """Stage 0, input and output: files to `MultiPatch` and `Boundary`, and back.
 
-===============  ====================  =======================================  =======================
 A format is one entry of `FORMATS` (`formats`); its functions take and return the contents of files, and raise
 `InputError` without the path, which is added here.
 """
@@ -15,6 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from numpy.typing import ArrayLike
+
 from ..errors import InputError, InputWarning
 from ..files import read_bytes, write_atomic
 from ..geometry.boundary import Boundary
@@ -26,7 +27,17 @@ from .outline_only import OutlineOnlyError
 if TYPE_CHECKING:
     from .layout_json import LayoutFile
 
-__all__ = ["FORMATS", "Format", "convert", "read", "read_boundary", "read_landmarks", "read_layout", "write"]
+__all__ = [
+    "FORMATS",
+    "Format",
+    "convert",
+    "read",
+    "read_boundary",
+    "read_landmarks",
+    "read_layout",
+    "write",
+    "write_landmarks",
+]
 
 
 @contextmanager
@@ -142,8 +153,8 @@ def read_landmarks(path: str | os.PathLike[str]) -> FloatArray:
     Parameters
     ----------
     path : path
-        CSV with the header ``xs,ys,xt,yt`` (columns in any order, others are ignored); ``#`` starts a
-        comment.
+        CSV with the header ``xs,ys,xt,yt`` (columns in any order, others are ignored, as ``name`` of `write_landmarks`);
+        ``#`` starts a comment.
 
     Returns
     -------
@@ -160,6 +171,44 @@ def read_landmarks(path: str | os.PathLike[str]) -> FloatArray:
         from .points import read_landmarks as parsed
 
         return parsed(read_bytes(path))
+
+
+def write_landmarks(landmarks: ArrayLike, path: str | os.PathLike[str], names: Sequence[str] | None = None) -> None:
+    """Write landmarks as CSV, atomically; `read_landmarks` gives back the same bits.
+
+    Parameters
+    ----------
+    landmarks : (r, 4) array, or sequence of pairs of points
+        Rows (xs, ys, xt, yt) or ((xs, ys), (xt, yt)), as `transfer` takes them; ``result.registration.landmarks``, say.
+    path : path
+        An existing file is replaced.
+    names : sequence of str, optional
+        One a landmark, for a column ``name``.
+
+    Raises
+    ------
+    InputError
+        On another shape, NaN, names with commas, or when the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_landmarks([((0, 0), (0.5, 0)), ((1, 0), (2, 0.25))], Path(folder, "l.csv"), ["heel", "toe"])
+    ...     print(Path(folder, "l.csv").read_text(), end="")
+    ...     print(read_landmarks(Path(folder, "l.csv"))[1])
+    name,xs,ys,xt,yt
+    heel,0.0,0.0,0.5,0.0
+    toe,1.0,0.0,2.0,0.25
+    [1.   0.   2.   0.25]
+    """
+    from ..registration.landmarks import read_landmark_rows
+    from .points import landmarks_text
+
+    path = Path(path)
+    with _naming(path):
+        write_atomic(path, landmarks_text(read_landmark_rows(landmarks), names))
 
 
 def read_layout(

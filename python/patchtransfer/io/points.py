@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..errors import InputError
@@ -12,9 +14,16 @@ from .interpolation import interpolate_outline
 from .options import DEFAULT, BoundaryOptions
 from .point_loops import PointLoop, boundary_of_points
 
-__all__ = ["interpolate_outline", "looks_like_points", "read_boundary", "read_landmarks"]
+__all__ = [
+    "interpolate_outline",
+    "landmarks_text",
+    "looks_like_points",
+    "read_boundary",
+    "read_landmarks",
+    "read_named_landmarks",
+]
 
-LANDMARK_COLUMNS = ("xs", "ys", "xt", "yt")
+LANDMARK_COLUMNS, NAME_COLUMN = ("xs", "ys", "xt", "yt"), "name"
 
 
 def _text(data: bytes) -> str:
@@ -92,6 +101,12 @@ def _outline(block: list[tuple[int, list[float]]]) -> PointLoop:
 
 def read_landmarks(data: bytes) -> FloatArray:
     """Landmarks (r, 4) of a CSV file; see `patchtransfer.read_landmarks`."""
+    return read_named_landmarks(data)[0]
+
+
+def read_named_landmarks(data: bytes) -> tuple[FloatArray, list[str]]:
+    """Landmarks (r, 4) of a CSV file and their names, "" where the file has none."""
+    names: list[str] = []
     columns: list[int] = []
     rows: list[list[float]] = []
     width = 0
@@ -100,19 +115,38 @@ def read_landmarks(data: bytes) -> FloatArray:
         if not fields:
             continue
         if not columns:
-            names = [field.lower() for field in fields]
-            missing = [name for name in LANDMARK_COLUMNS if names.count(name) != 1]
+            header = [field.lower() for field in fields]
+            missing = [name for name in LANDMARK_COLUMNS if header.count(name) != 1]
             if missing:
                 raise InputError(
                     f"line {number}: the header must name the columns xs,ys,xt,yt once each; "
                     f"{missing[0]} is missing or repeated"
                 )
-            columns, width = [names.index(name) for name in LANDMARK_COLUMNS], len(names)
+            columns, width = [header.index(name) for name in LANDMARK_COLUMNS], len(header)
+            named = header.index(NAME_COLUMN) if NAME_COLUMN in header else None
             continue
         if len(fields) != width:
             raise InputError(f"line {number}: {len(fields)} entries where the header has {width}; correct it")
         at_most(len(rows) + 1, MAX_LANDMARKS, "landmarks", "keep the telling ones")
         rows.append(_values([fields[c] for c in columns], number, "four numbers"))
+        names.append("" if named is None else fields[named])
     if not rows:
         raise InputError("holds no landmarks; give a header xs,ys,xt,yt and at least one row")
-    return np.array(rows)
+    return np.array(rows), names
+
+
+def landmarks_text(rows: FloatArray, names: Sequence[str] | None) -> str:
+    """CSV of landmarks (r, 4) in full precision, with a first column of names if there are any."""
+    given = [""] * len(rows) if names is None else list(names)
+    if len(given) != len(rows):
+        raise InputError(f"{len(given)} names for {len(rows)} landmarks; give one a landmark")
+    for name in given:
+        # What reading would take for the end of an entry or of a line.
+        if any(mark in name for mark in ",#") or name != " ".join(name.split()):
+            raise InputError(f"a landmark's name cannot be {name!r}: no commas, no #, single blanks inside")
+    header = [*([] if names is None else [NAME_COLUMN]), *LANDMARK_COLUMNS]
+    lines = [
+        ",".join([*([] if names is None else [name]), *map(repr, row)])
+        for name, row in zip(given, rows.tolist(), strict=True)
+    ]
+    return "\n".join([",".join(header), *lines, ""])

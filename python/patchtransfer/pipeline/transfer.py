@@ -34,7 +34,7 @@ def transfer(
     target : Boundary
         Closed loops in any order, sense, start, segmentation and degree; as many as the source has.
     landmarks : (r, 4) array, optional
-        Rows (xs, ys, xt, yt) of corresponding boundary points; see `register`.
+        Rows (xs, ys, xt, yt) of corresponding boundary points, or pairs (source point, target point); see `register`.
     continuity : {"c0", "c1", "g1"}, default "c1"
         Continuity across patches: "c1" keeps C1 rows along interfaces, with the ratio of speeds that the C0 solution
         has, and vertex rows at extraordinary vertices (paper Eq. 10 and 11). "g1" is exact along whole interfaces

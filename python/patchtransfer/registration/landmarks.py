@@ -20,15 +20,17 @@ SAME_POINT = 1e-9
 
 
 def read_landmark_rows(landmarks: ArrayLike | None) -> FloatArray:
-    """Landmark rows (r, 4), r = 0 for None; `InputError` on another shape, NaN or text."""
+    """Landmark rows (r, 4), r = 0 for None, of rows or of pairs of points; `InputError` on another shape, NaN or text."""
     if landmarks is None:
         return np.empty((0, 4))
     rows = frozen_array(landmarks, "landmarks")
     if rows.size == 0:
         return np.empty((0, 4))
-    if rows.ndim != 2 or rows.shape[1] != 4:
-        raise InputError(f"landmarks must have shape (r, 4) = xs, ys, xt, yt, got {rows.shape}")
-    return rows
+    if rows.shape[1:] not in ((4,), (2, 2)):
+        raise InputError(
+            f"landmarks must have shape (r, 4) = xs, ys, xt, yt, or be pairs (source point, target point), got {rows.shape}"
+        )
+    return rows.reshape(-1, 4)
 
 
 def place_landmarks(rows: FloatArray, source: Sequence[Outline], target: Sequence[Outline]) -> NDArray[np.void]:
