@@ -81,9 +81,8 @@ def transfer(
     with failures(report):
         check_outputs(model=output, picture=plot_path, page=html_path, report=json_path)
         check_outputs(picture=plot_registration, landmarks=write_landmarks)
-        keep_inputs(
-            [source, target, landmarks], [output, plot_path, plot_registration, write_landmarks, html_path, json_path]
-        )
+        outputs = [output, plot_path, plot_registration, write_landmarks, html_path, json_path]
+        keep_inputs([source, target, landmarks], outputs)
         set_threads(threads)
         with watched(verbose) as progress:
             with Clock(progress)("reading") as stage:

@@ -153,8 +153,8 @@ def read_landmarks(path: str | os.PathLike[str]) -> FloatArray:
     Parameters
     ----------
     path : path
-        CSV with the header ``xs,ys,xt,yt`` (columns in any order, others are ignored, as ``name`` of `write_landmarks`);
-        ``#`` starts a comment.
+        CSV with the header ``xs,ys,xt,yt`` (columns in any order, others are ignored, as ``name`` of
+        `write_landmarks`); ``#`` starts a comment.
 
     Returns
     -------

@@ -20,7 +20,7 @@ SAME_POINT = 1e-9
 
 
 def read_landmark_rows(landmarks: ArrayLike | None) -> FloatArray:
-    """Landmark rows (r, 4), r = 0 for None, of rows or of pairs of points; `InputError` on another shape, NaN or text."""
+    """Landmark rows (r, 4), r = 0 for None, also from pairs of points; `InputError` on another shape, NaN or text."""
     if landmarks is None:
         return np.empty((0, 4))
     rows = frozen_array(landmarks, "landmarks")
@@ -28,7 +28,8 @@ def read_landmark_rows(landmarks: ArrayLike | None) -> FloatArray:
         return np.empty((0, 4))
     if rows.shape[1:] not in ((4,), (2, 2)):
         raise InputError(
-            f"landmarks must have shape (r, 4) = xs, ys, xt, yt, or be pairs (source point, target point), got {rows.shape}"
+            "landmarks must have shape (r, 4) = xs, ys, xt, yt, or be pairs (source point, target point), got "
+            f"{rows.shape}"
         )
     return rows.reshape(-1, 4)
 
