@@ -45,7 +45,7 @@ def test_arcs_and_high_degrees_are_drawn_within_a_unit():
     at = bezier(pieces, np.linspace(0, 1, 50)).reshape(-1, 2)
     frame = picture.frame(at)
     assert np.abs(np.hypot(*at.T) - 1).max() * frame.scale < 0.2
-    quintic = models.interpolated(lambda x: x + 0.05 * np.sin(3 * x[..., ::-1]), 5, 1)
+    quintic = models.interpolated(lambda u, v: np.stack([u + 0.05 * np.sin(3 * v), v + 0.05 * np.sin(3 * u)], -1), 5, 1)
     lines = picture.iso_lines(picture.sampled(pt.MultiPatch([quintic], [])))
     _, u, v = pt.MultiPatch([quintic], []).locate(
         bezier(lines.pieces, np.linspace(0, 1, 5)).reshape(-1, 2), tolerance=1e-3

@@ -21,6 +21,7 @@ from .morph import morph
 from .parameterize import parameterize
 from .poisson import poisson
 from .quality import quality
+from .studio import studio
 from .support import Commands
 from .transfer import transfer
 
@@ -45,6 +46,7 @@ COMMANDS = (
     plot,
     examples,
     batch,
+    studio,
     morph,
     poisson,
 )

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FORMATS",
     "Format",
+    "OutlineOnlyError",
     "convert",
     "read",
     "read_boundary",
@@ -45,6 +46,9 @@ def _naming(path: Path) -> Iterator[None]:
     """Put the path in front of the message of an `InputError`."""
     try:
         yield
+    except OutlineOnlyError as error:
+        error.args = (f"{path}: {error}",)
+        raise
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

@@ -21,6 +21,7 @@ from .picture import (
     interface_lines,
     iso_lines,
     loops,
+    model_loops,
     patch_outlines,
     sampled,
 )
@@ -109,7 +110,7 @@ def model_figure(
         title,
         f"{title}: {len(mp)} patches",
         in_frame.view_box,
-        loops(mp.boundary(), in_frame),
+        model_loops(drawn, in_frame),
         patches=list(zip(_patch_colours(mp), patch_outlines(drawn, in_frame), strict=True)),
         iso=by_class(iso_lines(drawn), in_frame) if detail else [],
         interfaces=by_class(interface_lines(drawn), in_frame),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ __all__ = [
     "interface_lines",
     "iso_lines",
     "loops",
+    "model_loops",
     "patch_outlines",
     "path",
     "sampled",
@@ -50,6 +52,12 @@ INSIDE, LINES_IN_ALL = 12, 36
 PER_SPAN = 8
 #: From four points at thirds to the Bézier points of the cubic through them.
 _THROUGH = np.array([[6, 0, 0, 0], [-5, 18, -9, 2], [2, -9, 18, -5], [0, 0, 0, 6]]) / 6
+#: From Bézier points of degree 1, 2 and 3 to those of degree 3.
+_ELEVATE = {
+    1: np.array([[3, 0], [2, 1], [1, 2], [0, 3]]) / 3,
+    2: np.array([[3, 0, 0], [1, 2, 0], [0, 2, 1], [0, 0, 3]]) / 3,
+    3: np.eye(4),
+}
 
 
 class Frame(NamedTuple):
@@ -64,6 +72,10 @@ class Frame(NamedTuple):
     def __call__(self, points: FloatArray) -> IntArray:
         """Points (..., 2) in the picture's units."""
         return np.rint((points - [self.left, self.top]) * [self.scale, -self.scale]).astype(np.int64) + MARGIN
+
+    def inverse(self, units: FloatArray) -> FloatArray:
+        """Points of the plane from units (..., 2)."""
+        return np.asarray((units - MARGIN) / [self.scale, -self.scale] + [self.left, self.top])
 
     @property
     def view_box(self) -> str:
@@ -111,10 +123,10 @@ class Sampled(NamedTuple):
     pieces: int
 
 
-def sampled(mp: MultiPatch) -> Sampled:
-    """What the lines of a multi-patch are drawn from."""
+def sampled(mp: MultiPatch, lines: int = INSIDE) -> Sampled:
+    """What a multi-patch is drawn from, with about so many lines inside a patch and direction at most."""
     spans = max(len(knot_spans(knots)) - 1 for patch in mp.patches for knots in patch.knots)
-    inside = min(INSIDE, max(4, round(LINES_IN_ALL / math.sqrt(len(mp.patches)))))
+    inside = min(lines, max(4, round(LINES_IN_ALL / math.sqrt(len(mp.patches)))))
     pieces = max(1, round(inside / spans))
     return Sampled(mp, sample(mp, 3 * pieces + 1), pieces)
 
@@ -125,9 +137,9 @@ def iso_lines(drawn: Sampled) -> Lines:
     for points, scaled in drawn.grids:
         for p, s in ((points, scaled), (points.swapaxes(0, 1), scaled.T)):
             # The line at a knot is sampled from both spans: the later one is drawn.
-            rows = _starts(len(p), drawn.pieces)[1:]
-            found.append(_pieces(p[rows], s[rows], drawn.pieces))
-    return _joined(found)
+            rows = np.arange(len(p)).reshape(-1, 3 * drawn.pieces + 1)[:, : 3 * drawn.pieces : 3].ravel()[1:]
+            found.append((p[rows], s[rows]))
+    return _through(found, drawn.pieces)
 
 
 def interface_lines(drawn: Sampled) -> Lines:
@@ -138,57 +150,64 @@ def interface_lines(drawn: Sampled) -> Lines:
         here, there = face.side_a.of(scaled), face.side_b.of(drawn.grids[face.patch_b][1])
         if len(here) == len(there):
             here = np.minimum(here, there[::-1] if face.reversed else there)
-        found.append(_pieces(face.side_a.of(points)[None], here[None], drawn.pieces))
-    return _joined(found)
+        found.append((face.side_a.of(points)[None], here[None]))
+    return _through(found, drawn.pieces)
 
 
 def patch_outlines(drawn: Sampled, in_frame: Frame) -> list[str]:
     """Path data of every patch's four sides, closed."""
+    around = [
+        np.concatenate([points[:, 0], points[-1], points[::-1, -1], points[0, ::-1]])[None] for points, _ in drawn.grids
+    ]
+    lines = _through([(points, np.ones(points.shape[:2])) for points in around], drawn.pieces)
+    units = in_frame(lines.pieces)
+    ends = np.append(np.flatnonzero(~lines.follows), len(units))
+    return [f"{_data(units[i:j], lines.follows[i:j])}z" for i, j in pairwise(ends.tolist())]
+
+
+def model_loops(drawn: Sampled, in_frame: Frame) -> str:
+    """Path data of a multi-patch's boundary loops, closed."""
     out = []
-    for points, _ in drawn.grids:
-        around = (points[:, 0], points[-1], points[::-1, -1], points[0, ::-1])
-        lines = _joined([_pieces(side[None], np.ones((1, len(side))), drawn.pieces) for side in around])
-        lines.follows[1:] = True
-        out.append(path(lines, in_frame, closed=True))
-    return out
+    for loop in drawn.multipatch.topology.loops:
+        sides = [side.side.of(drawn.grids[side.patch][0])[:: -1 if side.reversed else 1] for side in loop]
+        points = np.concatenate(sides)[None]
+        out.append(path(_through([(points, np.ones(points.shape[:2]))], drawn.pieces), in_frame, closed=True))
+    return "".join(out)
 
 
 def curve_lines(curves: Iterable[BSplineCurve]) -> Lines:
     """Curves that follow each other, as a loop of a boundary does."""
     found = []
     for curve in curves:
+        if curve.degree <= 3 and curve.weights is None and len(curve.control_points) == curve.degree + 1:
+            # A Bézier curve as it is.
+            found.append((_ELEVATE[curve.degree] @ curve.control_points)[None])
+            continue
         breaks = knot_spans(curve.knots)
         per_span = 1 if curve.degree <= 3 and curve.weights is None else PER_SPAN
         # From inside every span, so that corners at knots stay sharp.
         t = np.linspace(breaks[:-1], breaks[1:], 3 * per_span + 1)
-        points = curve(t.T.ravel())
-        found.append(_pieces(points[None], np.ones(points.shape[:1])[None], per_span))
-    lines = _joined(found)
-    lines.follows[1:] = True
-    return lines
+        points = curve(t.T.ravel())[None]
+        found.append(_through([(points, np.ones(points.shape[:2]))], per_span).pieces)
+    pieces = np.concatenate(found)
+    return Lines(pieces, np.arange(len(pieces)) > 0, np.ones(len(pieces)))
 
 
-def _starts(n: int, pieces: int) -> IntArray:
-    """Where pieces begin among n samples of a direction, which are taken span by span."""
-    samples = 3 * pieces + 1
-    return np.arange(n).reshape(-1, samples)[:, : 3 * pieces : 3].ravel()
-
-
-def _pieces(points: FloatArray, values: FloatArray, pieces: int) -> Lines:
-    """Pieces of lines (l, n, 2) that are sampled span by span."""
-    starts = _starts(points.shape[1], pieces)
-    windows = starts[:, None] + np.arange(4)
-    curves = np.einsum("ij,lnjk->lnik", _THROUGH, points[:, windows])
-    follows = np.ones(curves.shape[:2], bool)
-    follows[:, 0] = False
-    return Lines(curves.reshape(-1, 4, 2), follows.ravel(), values[:, windows].min(axis=2).ravel())
-
-
-def _joined(lines: Sequence[Lines]) -> Lines:
+def _through(lines: Sequence[tuple[FloatArray, FloatArray]], pieces: int) -> Lines:
+    """Pieces of lines (l, n, 2) with values (l, n), all sampled span by span: in one go, for there are thousands."""
     if not lines:
         return Lines(np.empty((0, 4, 2)), np.empty(0, bool), np.empty(0))
-    pieces, follows, values = zip(*lines, strict=True)
-    return Lines(np.concatenate(pieces), np.concatenate(follows), np.concatenate(values))
+    samples = 3 * pieces + 1
+    points = np.concatenate([p.reshape(-1, samples, 2) for p, _ in lines])
+    values = np.concatenate([v.reshape(-1, samples) for _, v in lines])
+    # Numbers of lines' first spans.
+    spans = np.concatenate([np.full(len(p), p.shape[1] // samples) for p, _ in lines])
+    first = np.cumsum(spans) - spans
+    windows = np.arange(0, 3 * pieces, 3)[:, None] + np.arange(4)
+    follows = np.ones((len(points), pieces), bool)
+    follows[first, 0] = False
+    curves = np.matmul(_THROUGH, points[:, windows])
+    return Lines(curves.reshape(-1, 4, 2), follows.ravel(), values[:, windows].min(axis=2).ravel())
 
 
 def by_class(lines: Lines, in_frame: Frame) -> list[tuple[int, str]]:

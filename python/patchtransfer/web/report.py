@@ -154,7 +154,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     folder = files("patchtransfer.web") / "templates"
-    for name in ("page.css", "page.js"):
+    for name in ("page.css", "page.js", "studio.css", "studio.js"):
         environment.globals[name.replace(".", "_")] = (folder / name).read_text("utf-8")
     return environment
 

@@ -1,0 +1,74 @@
+"""Command line: ``patchtransfer studio SOURCE [TARGET]``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+from functools import partial
+
+import click
+
+from .options import continuity_option, outline_options
+from .streams import say
+from .support import Report, failures, set_threads
+
+__all__ = ["studio"]
+
+
+@click.command()
+@click.argument("source", type=click.Path())
+@click.argument("target", type=click.Path(), required=False)
+@click.option("--landmarks", metavar="L.csv", help="Landmarks to start with, columns xs,ys,xt,yt.")
+@continuity_option("c1")
+@outline_options
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="0, the default, takes any free one.")
+@click.option("--no-browser", is_flag=True, help="Do not open a browser, only print the address.")
+@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
+def studio(
+    source: str,
+    target: str | None,
+    landmarks: str | None,
+    continuity: str,
+    port: int,
+    no_browser: bool,
+    threads: int | None,
+    layers: tuple[str, ...] | None,
+    clean: bool,
+    smooth: bool | None,
+) -> None:
+    """Open a local page where the target is dragged and the certified result follows.
+
+    SOURCE is a multi-patch and TARGET a boundary, as of transfer; without TARGET it is the source's own boundary.
+    SOURCE may be an outline alone, which is parameterized first. The page is served on this machine only; what is saved
+    there goes where the browser puts it. Ctrl-C ends the studio.
+    """
+    from .. import io
+    from ..sources.auto_layout import parameterize
+    from ..studio.server import serve
+    from ..studio.session import Session
+
+    def ready(address: str) -> None:
+        say(address)
+        sys.stdout.flush()
+        if not no_browser:
+            import webbrowser
+
+            # A machine without a browser still has the address.
+            with suppress(webbrowser.Error):
+                webbrowser.open(address)
+
+    with failures(Report(None)):
+        set_threads(threads)
+        read = partial(io.read_boundary, clean=clean, smooth=smooth, layers=layers)
+        points = None if landmarks is None else io.read_landmarks(landmarks)
+        try:
+            model = io.read(source)
+            outline = model.boundary() if target is None else read(target)
+        except io.OutlineOnlyError:
+            own = read(source)
+            model, outline = parameterize(own).multipatch, own if target is None else read(target)
+        title = os.path.basename(source) + (f" → {os.path.basename(target)}" if target else "")
+        session = Session(model, outline, points, continuity)
+        with suppress(KeyboardInterrupt):
+            serve(session, title, port, ready)

@@ -1,0 +1,288 @@
+"""What is edited in the studio, and its certified result."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import InfeasibleTargetError, InputError, TransferError
+from ..geometry.boundary import Boundary
+from ..geometry.multipatch import MultiPatch
+from ..geometry.outline import Outline
+from ..gradients.filled import Filled
+from ..gradients.frozen import Frozen
+from ..gradients.outline_map import OutlineMap
+from ..numeric.arrays import FloatArray
+from ..pipeline.plan import TransferPlan
+from ..pipeline.result import TransferResult, failure_of
+from ..proof.certificate import Certificate, check_boundary
+from ..sources.auto_layout import parameterize
+from .editing import PointAddress, addresses, control_points, moved
+
+__all__ = ["Drag", "Edited", "Landmark", "Session", "Shown"]
+
+#: Steps that can be taken back.
+MOST_UNDO = 200
+#: Seconds for a transfer: whoever drags does not wait for longer.
+TIME_LIMIT = 10.0
+
+Point = tuple[float, float]
+
+
+class Landmark(NamedTuple):
+    """A pair of corresponding boundary points."""
+
+    source: Point
+    target: Point
+
+
+class Edited(NamedTuple):
+    """What can be undone: the target and the landmarks."""
+
+    target: Boundary
+    landmarks: tuple[Landmark, ...]
+
+
+class Shown(NamedTuple):
+    """What there is to see: a map, or why there is none.
+
+    Attributes
+    ----------
+    model : MultiPatch or None
+        The result; the last one there was where `error` says that there is none.
+    certificate : Certificate or None
+    error : str or None
+    places : list of points
+        Where the boundary itself rules a map out.
+    seconds : float
+    live : bool
+        Whether it is a map of a drag, under held rows, which is made anew when the point is dropped.
+    """
+
+    model: MultiPatch | None
+    certificate: Certificate | None
+    error: str | None
+    places: list[Point]
+    seconds: float
+    live: bool
+
+
+class Drag(NamedTuple):
+    """A control point that is held: the target when it was grabbed, and the map that follows, if there is one."""
+
+    at: PointAddress
+    before: Boundary
+    frozen: Frozen | None
+    outline: OutlineMap | None
+
+
+class Session:
+    """A source, an edited target with landmarks, and the result.
+
+    Parameters
+    ----------
+    source : MultiPatch
+    target : Boundary
+    landmarks : sequence of Landmark, optional
+    continuity : {"c0", "c1", "g1"}, default "c1"
+    options
+        Of `patchtransfer.transfer`.
+
+    Attributes
+    ----------
+    edited : Edited
+    result : TransferResult or None
+        Of the edited target; None where there is none.
+    shown : Shown
+    """
+
+    def __init__(
+        self,
+        source: MultiPatch,
+        target: Boundary,
+        landmarks: FloatArray | None = None,
+        continuity: str = "c1",
+        **options: Any,
+    ) -> None:
+        self.source, self._options = source, options
+        self._plan = TransferPlan(source, continuity)
+        rows = np.empty((0, 4)) if landmarks is None else np.asarray(landmarks, float)
+        self.edited = Edited(target, tuple(Landmark((a, b), (c, d)) for a, b, c, d in rows.tolist()))
+        self._past: list[Edited] = []
+        self._future: list[Edited] = []
+        self._drag: Drag | None = None
+        self._near: Filled | None = None
+        self._source_outlines = [Outline(loop) for loop in source.boundary().loops]
+        self.result: TransferResult | None = None
+        self.shown = Shown(None, None, None, [], 0.0, False)
+        self.refresh()
+
+    @classmethod
+    def of_outline(cls, outline: Boundary, continuity: str = "c1", **options: Any) -> Session:
+        """A session whose source is parameterized from the outline itself."""
+        return cls(parameterize(outline, on_failure="raise").multipatch, outline, None, continuity, **options)
+
+    @property
+    def landmark_rows(self) -> FloatArray | None:
+        """Rows (xs, ys, xt, yt), None without landmarks."""
+        rows = [[*pair.source, *pair.target] for pair in self.edited.landmarks]
+        return np.array(rows) if rows else None
+
+    @property
+    def handles(self) -> list[PointAddress]:
+        """Control points of the target that can be dragged."""
+        return addresses(self.edited.target)
+
+    def refresh(self) -> None:
+        """The result of what is edited."""
+        begin = time.perf_counter()
+        target = self.edited.target
+        try:
+            result = self._plan.transfer(
+                target, self.landmark_rows, **{"time_limit": TIME_LIMIT, **self._options, "on_failure": "return"}
+            )
+        except TransferError as error:
+            self.result = None
+            self._show_none(str(error), target, begin)
+            return
+        self.result = result
+        failure = failure_of(result)
+        places = [] if result.certificate.injective else _meetings(result.multipatch.boundary())
+        self.shown = Shown(
+            result.multipatch,
+            result.certificate,
+            None if failure is None else str(failure),
+            places,
+            time.perf_counter() - begin,
+            False,
+        )
+
+    def grab(self, at: PointAddress) -> None:
+        """Take hold of a control point of the target.
+
+        Raises
+        ------
+        InputError
+            When there is no such point.
+        """
+        if at not in self.handles:
+            raise InputError(f"there is no control point {at.point} on curve {at.curve} of loop {at.loop}")
+        frozen = outline = None
+        if self.result is not None and self.result.succeeded:
+            try:
+                frozen = self.result.freeze()
+                outline = frozen.outline(self.edited.target)
+            except TransferError:
+                # Degenerate maps may have no derivative: such drags are transferred step by step.
+                frozen = outline = None
+        self._near = None
+        self._drag = Drag(at, self.edited.target, frozen, outline)
+
+    def drag(self, to: Point) -> None:
+        """Move the point that is held; what is shown follows under held rows."""
+        if self._drag is None:
+            raise InputError("no point is held; grab one first")
+        begin = time.perf_counter()
+        held = self._drag
+        target = moved(held.before, held.at, to)
+        self.edited = self.edited._replace(target=target)
+        if held.frozen is None or held.outline is None:
+            self.refresh()
+            return
+        try:
+            filled = held.frozen.fill(held.outline(control_points(target)), near=self._near)
+        except InfeasibleTargetError as error:
+            self._show_none(str(error).removeprefix("fill: "), target, begin)
+            return
+        self._near = filled if filled.certificate.injective else None
+        certificate = filled.certificate
+        why = None if certificate.injective else "; ".join(certificate.reasons[:2])
+        places = [] if certificate.injective else _meetings(target)
+        self.shown = Shown(filled.multipatch, certificate, why, places, time.perf_counter() - begin, True)
+
+    def drop(self) -> None:
+        """Let go of the point: the result of the target as it is now, which can be undone."""
+        if self._drag is None:
+            return
+        before, self._drag, self._near = self._drag.before, None, None
+        self._remember(self.edited._replace(target=before))
+        self.refresh()
+
+    def add_landmark(self, source: Point, target: Point) -> None:
+        """Add a pair of points, each moved to the boundary."""
+        pair = Landmark(self._on_source(source), self._on_target(target))
+        self._change(self.edited._replace(landmarks=(*self.edited.landmarks, pair)))
+
+    def move_landmark(self, number: int, on: str, to: Point) -> None:
+        """Move one end of a pair, "source" or "target", along the boundary."""
+        pairs = list(self.edited.landmarks)
+        pair = self._pair(number)
+        place = self._on_source(to) if on == "source" else self._on_target(to)
+        pairs[number] = pair._replace(source=place) if on == "source" else pair._replace(target=place)
+        self._change(self.edited._replace(landmarks=tuple(pairs)))
+
+    def remove_landmark(self, number: int) -> None:
+        """Take a pair away."""
+        self._pair(number)
+        kept = tuple(pair for k, pair in enumerate(self.edited.landmarks) if k != number)
+        self._change(self.edited._replace(landmarks=kept))
+
+    def undo(self) -> None:
+        """Take the last change back."""
+        self._travel(self._past, self._future)
+
+    def redo(self) -> None:
+        """Make the change again that was taken back last."""
+        self._travel(self._future, self._past)
+
+    @property
+    def can_undo(self) -> tuple[bool, bool]:
+        """Whether there is something to undo, and to redo."""
+        return bool(self._past), bool(self._future)
+
+    def _change(self, edited: Edited) -> None:
+        before, self.edited = self.edited, edited
+        self._remember(before)
+        self.refresh()
+
+    def _remember(self, before: Edited) -> None:
+        self._past = [*self._past[1 - MOST_UNDO :], before]
+        self._future = []
+
+    def _travel(self, there: list[Edited], back: list[Edited]) -> None:
+        self._drag = None
+        if there:
+            back.append(self.edited)
+            self.edited = there.pop()
+            self.refresh()
+
+    def _pair(self, number: int) -> Landmark:
+        if not 0 <= number < len(self.edited.landmarks):
+            raise InputError(f"there is no landmark {number}")
+        return self.edited.landmarks[number]
+
+    def _on_source(self, point: Point) -> Point:
+        return _nearest(self._source_outlines, point)
+
+    def _on_target(self, point: Point) -> Point:
+        return _nearest([Outline(loop) for loop in self.edited.target.loops], point)
+
+    def _show_none(self, error: str, target: Boundary, begin: float) -> None:
+        seconds = time.perf_counter() - begin
+        self.shown = Shown(self.shown.model, None, error, _meetings(target), seconds, self._drag is not None)
+
+
+def _meetings(boundary: Boundary) -> list[Point]:
+    """Where a boundary crosses or touches itself."""
+    return [meeting.point for meeting in check_boundary([list(loop) for loop in boundary.loops]).crossings]
+
+
+def _nearest(outlines: list[Outline], point: Point) -> Point:
+    at = np.array([point])
+    found: Callable[[Outline], tuple[FloatArray, FloatArray]] = lambda outline: outline.nearest(at)  # noqa: E731
+    best = min(outlines, key=lambda outline: float(found(outline)[1][0]))
+    x, y = best.point(found(best)[0])[0].tolist()
+    return x, y

@@ -1,0 +1,177 @@
+"use strict";
+// Draws what the server says, and says what the pointer does: one message at a time, the newest place of a drag only.
+
+const $ = (id) => document.getElementById(id);
+const pictures = { source: $("picture-source"), target: $("picture-target") };
+const frames = {};
+const layers = {};
+let state = null;
+
+function element(name, parent, attributes = {}) {
+  const made = document.createElementNS("http:" + "//www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  parent.append(made);
+  return made;
+}
+
+for (const [name, svg] of Object.entries(pictures)) {
+  layers[name] = {};
+  for (const layer of ["patches", "iso", "interfaces", "outline", "special", "target", "handles", "pairs", "places"])
+    layers[name][layer] = element("g", svg, { class: layer });
+}
+
+// --- what the server says
+
+function paths(group, rows, kind) {
+  // Elements are kept: only their data change while one drags.
+  rows.forEach(([className, data], k) => {
+    const path = group.children[k] ?? element("path", group);
+    path.setAttribute("class", `${kind} ${className}`);
+    path.setAttribute("d", data);
+  });
+  while (group.children.length > rows.length) group.lastChild.remove();
+}
+
+function drawModel(into, model) {
+  paths(into.patches, model.patches.map((d, k) => [`p${k % 6}`, d]), "patch");
+  paths(into.iso, model.iso.map(([kind, d]) => [`q${kind}`, d]), "iso");
+  paths(into.interfaces, model.interfaces.map(([kind, d]) => [`q${kind}`, d]), "interface");
+  paths(into.outline, [["outline", model.outline]], "");
+  paths(into.special, [["ring", model.special], ["disc", model.special]], "");
+}
+
+function drawPairs(name, column) {
+  const group = layers[name].pairs;
+  paths(group, [], "");
+  state.landmarks.forEach((row, k) => {
+    const [x, y] = row.slice(column, column + 2);
+    const dot = element("path", group, { class: "pair", d: `M${x} ${y}h0`, "data-landmark": k });
+    element("title", dot).textContent = `landmark ${k + 1}`;
+    element("text", group, { class: "label", x, y }).textContent = k + 1;
+  });
+}
+
+function show(next) {
+  state = next;
+  for (const [name, frame] of [["source", next.source_frame], ["target", next.frame]]) {
+    frames[name] = frame;
+    pictures[name].setAttribute("viewBox", frame.view_box);
+  }
+  if (next.source) drawModel(layers.source, next.source);
+  if (next.result) drawModel(layers.target, next.result);
+  for (const layer of ["patches", "iso", "interfaces", "outline", "special"])
+    layers.target[layer].classList.toggle("stale", next.stale);
+  paths(layers.target.target, [["target-outline", next.outline]], "");
+  const held = grip?.handle;
+  paths(layers.target.handles, next.handles.map(([loop, curve, point, x, y]) => [
+    `${point ? "" : "joint"}${held && held.join() === [loop, curve, point].join() ? " held" : ""}`, `M${x} ${y}h0`]), "handle");
+  drawPairs("source", 0);
+  drawPairs("target", 2);
+  paths(layers.target.places, next.places.map(([x, y]) => ["", `M${x} ${y}h0`]), "place");
+  pictures.target.classList.toggle("uncertified", !next.ok);
+  $("verdict").textContent = next.status;
+  $("verdict").className = `verdict ${next.ok ? "good" : "bad"}`;
+  $("words").textContent = next.words;
+  $("time").textContent = `${next.milliseconds} ms`;
+  $("undo").disabled = !next.undo;
+  $("redo").disabled = !next.redo;
+  $("refused").hidden = !next.refused;
+  $("refused").textContent = next.refused ?? "";
+  document.body.dataset.shown = Number(document.body.dataset.shown ?? 0) + 1;
+}
+
+const token = document.body.dataset.token;
+const live = new WebSocket(`ws:${"//"}${location.host}/live?token=${encodeURIComponent(token)}`);
+let waiting = true; // for the first state
+const queue = [];
+live.addEventListener("message", (event) => {
+  show(JSON.parse(event.data));
+  waiting = false;
+  next();
+});
+live.addEventListener("close", () => {
+  $("verdict").textContent = "the studio has ended";
+  $("verdict").className = "verdict bad";
+});
+
+function say(message) {
+  // A drag that was not sent yet is overtaken by a newer one.
+  const last = queue[queue.length - 1];
+  if (message.do === "drag" && last?.do === "drag") queue.pop();
+  queue.push(message);
+  next();
+}
+
+function next() {
+  if (waiting || !queue.length || live.readyState !== WebSocket.OPEN) return;
+  waiting = true;
+  live.send(JSON.stringify(queue.shift()));
+}
+
+// --- what the pointer does
+
+let grip = null; // { handle } or { landmark, on }
+let first = null; // the source's point of a pair that is being added
+
+function place(name, event) {
+  const svg = pictures[name];
+  const point = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
+  const { left, top, unit } = frames[name];
+  return { x: left + point.x * unit, y: top - point.y * unit };
+}
+
+function pairing(on) {
+  first = null;
+  $("pair").setAttribute("aria-pressed", on);
+  $("pair").textContent = on ? "point of the source …" : "add landmark";
+}
+
+for (const [name, svg] of Object.entries(pictures)) {
+  svg.addEventListener("pointerdown", (event) => {
+    if ($("pair").getAttribute("aria-pressed") === "true") {
+      const at = place(name, event);
+      if (name === "source") {
+        first = at;
+        $("pair").textContent = "point of the target …";
+      } else if (first) {
+        say({ do: "add", sx: first.x, sy: first.y, tx: at.x, ty: at.y });
+        pairing(false);
+      }
+      return;
+    }
+    const mark = event.target;
+    if (mark.classList.contains("handle")) {
+      const [loop, curve, point] = state.handles[[...mark.parentNode.children].indexOf(mark)];
+      grip = { handle: [loop, curve, point] };
+      say({ do: "grab", loop, curve, point });
+    } else if (mark.classList.contains("pair")) {
+      grip = { landmark: Number(mark.dataset.landmark), on: name };
+    } else return;
+    event.preventDefault();
+    svg.setPointerCapture(event.pointerId);
+  });
+  svg.addEventListener("pointermove", (event) => {
+    if (grip?.handle && name === "target") say({ do: "drag", ...place(name, event) });
+  });
+  for (const end of ["pointerup", "pointercancel"])
+    svg.addEventListener(end, (event) => {
+      if (grip?.handle) say({ do: "drop" });
+      if (grip?.landmark !== undefined && end === "pointerup")
+        say({ do: "move", landmark: grip.landmark, on: grip.on, ...place(grip.on, event) });
+      grip = null;
+    });
+  svg.addEventListener("dblclick", (event) => {
+    if (event.target.classList.contains("pair")) say({ do: "remove", landmark: Number(event.target.dataset.landmark) });
+  });
+}
+
+$("pair").addEventListener("click", () => pairing($("pair").getAttribute("aria-pressed") !== "true"));
+$("undo").addEventListener("click", () => say({ do: "undo" }));
+$("redo").addEventListener("click", () => say({ do: "redo" }));
+document.addEventListener("keydown", (event) => {
+  if (event.key === "Escape") pairing(false);
+  if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") {
+    event.preventDefault();
+    say({ do: event.shiftKey ? "redo" : "undo" });
+  }
+});

@@ -1,0 +1,184 @@
+"""Sessions: what is shown follows what is edited, and messages that are not understood change nothing."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import patchtransfer as pt
+from patchtransfer import InputError, examples
+from patchtransfer.studio.editing import control_points
+from patchtransfer.studio.messages import obey
+from patchtransfer.studio.session import Session
+from patchtransfer.studio.view import View
+
+
+def opened(landmarks=True):
+    source, target, points = examples.load("star")
+    return Session(source, target, points if landmarks else None)
+
+
+@pytest.fixture(scope="module")
+def shared():
+    return opened()
+
+
+def place(session, at):
+    return session.edited.target.loops[at.loop][at.curve].control_points[at.point]
+
+
+def test_a_drag_is_followed_and_its_drop_is_a_transfer():
+    session = opened()
+    at = session.handles[3]
+    to = place(session, at) + 0.02 * session.edited.target.diameter
+    session.grab(at)
+    for part in (0.3, 0.7, 1.0):
+        session.drag(tuple(place(session, at) * (1 - part) + part * to))
+        assert session.shown.live
+        assert session.shown.certificate.injective
+        assert pt.certify(session.shown.model).injective
+    session.drop()
+    assert not session.shown.live
+    np.testing.assert_allclose(place(session, at), to)
+    again = pt.transfer(session.source, session.edited.target, session.landmark_rows)
+    assert again.multipatch == session.result.multipatch
+
+
+def test_what_follows_is_what_a_drop_gives_nearly():
+    """Held rows and feet against a transfer of the same target."""
+    session = opened()
+    at = session.handles[0]
+    session.grab(at)
+    session.drag(tuple(place(session, at) + 0.02))
+    live = session.shown.model
+    session.drop()
+    # A transfer may refine where the boundary needs it; the parameters stay.
+    t = np.linspace(0, 1, 9)
+    pairs = zip(live.patches, session.result.multipatch.patches, strict=True)
+    assert max(np.abs(a.grid(t, t) - b.grid(t, t)).max() for a, b in pairs) < 0.02 * live.diameter
+
+
+def test_an_infeasible_drag_says_where_and_recovers():
+    session = opened()
+    before = session.edited.target
+    at = session.handles[0]
+    home = tuple(place(session, at))
+    session.grab(at)
+    # Across the shape and out on the other side.
+    centre = control_points(before).mean(axis=0)
+    session.drag(tuple(centre + 1.6 * (centre - np.array(home))))
+    assert session.shown.error is not None
+    assert session.shown.certificate is None or not session.shown.certificate.injective
+    assert session.shown.places
+    assert session.shown.model is not None
+    state = View(session).state()
+    assert not state["ok"]
+    assert state["places"]
+    session.drag(home)
+    assert session.shown.error is None
+    session.drop()
+    assert session.result.succeeded
+
+
+def test_everything_can_be_undone_and_done_again():
+    session = opened(landmarks=False)
+    states = [session.edited]
+    session.grab(session.handles[2])
+    session.drag(tuple(place(session, session.handles[2]) + 0.01))
+    session.drop()
+    states.append(session.edited)
+    x, y = session.source.boundary().loops[0][0].start
+    u, v = session.edited.target.loops[0][0].start
+    session.add_landmark((x, y), (u, v))
+    states.append(session.edited)
+    session.remove_landmark(0)
+    states.append(session.edited)
+    for state in reversed(states[:-1]):
+        session.undo()
+        assert session.edited == state
+    session.undo()
+    assert session.edited == states[0]
+    for state in states[1:]:
+        session.redo()
+        assert session.edited == state
+    assert session.can_undo == (True, False)
+
+
+def test_landmarks_are_on_the_outlines_and_bad_ones_are_told():
+    session = opened(landmarks=False)
+    session.add_landmark((10.0, 0.0), (10.0, 0.0))
+    pair = session.edited.landmarks[0]
+    for outline, point in ((session.source.boundary(), pair.source), (session.edited.target, pair.target)):
+        assert min(pt.geometry.outline.Outline(loop).nearest(np.array([point]))[1][0] for loop in outline.loops) < 1e-9
+    session.add_landmark((10.0, 0.0), (-10.0, 0.0))
+    assert "same point" in session.shown.error
+    session.move_landmark(1, "source", (-10.0, 0.1))
+    assert session.shown.error is None
+
+
+def test_an_outline_alone_is_parameterized():
+    outline = pt.Boundary.from_points([(0, 0), (3, 0), (3, 1), (1, 1), (1, 2), (0, 2)])
+    session = Session.of_outline(outline)
+    assert session.result.succeeded
+
+
+words = st.sampled_from(
+    [
+        "do",
+        "grab",
+        "drag",
+        "drop",
+        "add",
+        "move",
+        "remove",
+        "undo",
+        "loop",
+        "curve",
+        "point",
+        "x",
+        "y",
+        "landmark",
+        "on",
+    ]
+)
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | words | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(words, inner, max_size=5),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.text(max_size=40) | st.dictionaries(words, values, max_size=6).map(json.dumps) | values.map(json.dumps))
+def test_random_messages_are_refused_or_obeyed(shared, text):
+    before = shared.edited
+    try:
+        obey(shared, text)
+    except InputError:
+        assert shared.edited == before
+    shared.undo()
+    json.dumps(View(shared).state(), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"do": "grab", "loop": 0, "curve": 0, "point": 10**9},
+        {"do": "grab", "loop": True, "curve": 0, "point": 0},
+        {"do": "drag", "x": float("nan"), "y": 0},
+        {"do": "drag", "x": 10**400, "y": 0},
+        {"do": "add", "sx": 0, "sy": 0, "tx": "1", "ty": 0},
+        {"do": "move", "landmark": 99, "on": "source", "x": 0, "y": 0},
+        {"do": "move", "landmark": 0, "on": "elsewhere", "x": 0, "y": 0},
+        {"do": "remove", "landmark": -1},
+        {"do": ["undo"]},
+        {"do": "__class__"},
+    ],
+)
+def test_messages_that_cannot_be_obeyed(shared, message):
+    with pytest.raises(InputError):
+        obey(shared, json.dumps(message))
