@@ -12,6 +12,7 @@ import numpy as np
 
 from ..continuity.g1 import g1_rows
 from ..continuity.interfaces import control_rows
+from ..continuity.joint_ratios import LegWish
 from ..continuity.null_space import RowSpace, row_space
 from ..continuity.rows import C1Rows, ContinuityRows
 from ..geometry.multipatch import MultiPatch
@@ -124,6 +125,15 @@ class InteriorSolver:
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state, _kept=_Kept())
+
+    @property
+    def follows_legs(self) -> bool:
+        """Whether there are chords whose ratio is to be that of legs on the boundary."""
+        return self._c1.has_joints
+
+    def leg_wishes(self, points: FloatArray, degenerate: Sequence[tuple[int, int]]) -> list[LegWish]:
+        """Legs in the ratios of the chords that end at them, whose speeds are those of the harmonic map."""
+        return self._c1.leg_wishes(self.optimizer(degenerate).harmonic(points))
 
     def certified(
         self,

@@ -157,8 +157,8 @@ def best_under_rows(
 
     That is where interfaces lost their rows, the smallest determinant fell below half of the reference's, or the energy
     rose by a twentieth. Among the choices tried the one with most interfaces, then with least distortion, is kept.
-    `looser` is asked for more after the last. Parameters as of `optimize_under_rows`; ``make(null_space=..., nodes_per_degree=..., extra_nodes=...)``
-    gives an optimizer.
+    `looser` is asked for more after the last. Parameters as of `optimize_under_rows`;
+    ``make(null_space=..., nodes_per_degree=..., extra_nodes=...)`` gives an optimizer.
     """
     budget = budget or Budget()
     solve = _ladder(topology, make, certify, progress, budget)
