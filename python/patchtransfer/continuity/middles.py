@@ -90,7 +90,7 @@ class Middles:
         motions[:, space.interior] = of_parameters.T.reshape(k, 2, -1).transpose(0, 2, 1)
         return space, list(motions)
 
-    def step(self, slopes: FloatArray, hessian: FloatArray, part: float = 1.0) -> GluingData | None:
+    def step(self, slopes: FloatArray, hessian: FloatArray) -> GluingData | None:
         """Data of less energy with kinks that are no larger, by Newton's model of the energy in the free c_1.
 
         Parameters
@@ -98,8 +98,6 @@ class Middles:
         slopes : (k,) array
             Of the energy, in the free c_1.
         hessian : (k, k) array
-        part : float, default 1
-            Of the step.
 
         Returns
         -------
@@ -124,7 +122,7 @@ class Middles:
         alike = float(np.trace(energy) / np.trace(kinks))
         for weight in (0.0, *(alike * 2.0**power for power in POWERS)):
             downhill = -product(kept.T, slopes + weight * pull)
-            change = part * product(kept, solve_definite(energy + weight * kinks, downhill))
+            change = product(kept, solve_definite(energy + weight * kinks, downhill))
             if float((lengths * np.abs(self._kinks(now + change))).sum()) <= total:
                 break
         else:

@@ -48,8 +48,8 @@ CONTINUITY = ("c0", "c1", "g1")
 FAR = 100.0
 #: Part of the work for rows, which need most of it; the rest is for finding a map without them.
 ROWS_SHARE = 0.65
-#: Optimizers under rows that a thread keeps, one a pattern of the null-space basis.
-KEPT_PATTERNS = 2
+#: Optimizers under rows that a thread keeps, one a pattern of the null-space basis: of C1, and of exact G1 twice.
+KEPT_PATTERNS = 3
 
 
 @dataclass(frozen=True, eq=False)
