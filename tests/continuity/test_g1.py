@@ -225,5 +225,5 @@ def test_linear_gluing_where_the_best_fit_squeezes_the_map():
     target, landmarks = targets.deformed(mp, targets.bend(mp, 60))
     result = pt.transfer(mp, target, landmarks, "g1")
     is_exact(result)
-    assert "2 choices of rows" in result.log[-1]
+    assert any("2 choices of rows" in entry for entry in result.log)
     assert result.quality.scaled_jacobian.min >= 0.3

@@ -22,6 +22,7 @@ from patchtransfer.interior import solver as interior
 from patchtransfer.interior import under_rows as constrained
 from patchtransfer.interior.optimizer import SplineOptimizer
 from patchtransfer.interior.under_rows import best_under_rows
+from patchtransfer.pipeline import inside
 from strategies import deformations, layouts
 
 
@@ -240,6 +241,8 @@ def test_where_rows_fail_with_a_rough_map_the_exact_one_is_followed(monkeypatch)
         return points, certificate, log, replace(rows, without=(0,) if len(calls) == 1 else ())
 
     monkeypatch.setattr(interior, "best_under_rows", spy)
+    # On the boundary that "c0" has.
+    monkeypatch.setattr(inside, "with_legs_of_chords", lambda posed, *_: posed)
     result = pt.transfer(mp, target, landmarks)
     assert [rounds for rounds, _ in calls] == [1, constrained.ROW_ROUNDS]
     assert np.array_equal(calls[1][1], plain)

@@ -14,6 +14,7 @@ are. Here each is divided by its factor; what vanishes by structure is left out,
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -68,6 +69,12 @@ def evaluated(data: FloatArray, t: FloatArray, order: int = 0) -> FloatArray:
 
 def discontinuities(knots: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
     """Inner breaks (m,), and the jumps (m, n) there of the basis functions' first derivative that is not continuous."""
+    return _discontinuities(knots.tobytes(), degree)
+
+
+@lru_cache(maxsize=256)
+def _discontinuities(knot_bytes: bytes, degree: int) -> tuple[FloatArray, FloatArray]:
+    knots = np.frombuffer(knot_bytes)
     inner, multiplicity = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
     backwards = reverse_knots(knots)
     mirrored = distinct(backwards[degree + 1 : -degree - 1])[::-1]
@@ -75,6 +82,8 @@ def discontinuities(knots: FloatArray, degree: int) -> tuple[FloatArray, FloatAr
     for k, order in enumerate(degree + 1 - multiplicity):
         before = collocation_matrix(backwards, degree, mirrored[k : k + 1], int(order))[0, ::-1]
         jumps[k] = collocation_matrix(knots, degree, inner[k : k + 1], int(order))[0] - (-1) ** order * before
+    for array in (inner, jumps):
+        array.setflags(write=False)
     return inner, jumps
 
 

@@ -11,8 +11,8 @@ a number is: a boundary that changes a little gives as many rows (`patchtransfer
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from .conditions import conditions, evaluated
 from .interfaces import ControlRows
 from .rows import ContinuityRows
 
-__all__ = ["GluingData", "check_g1_space", "g1_rows", "gluing_data"]
+__all__ = ["GluingData", "check_g1_space", "g1_rows", "gluing_data", "rows_of", "twist_closure"]
 
 #: |c| (for a + b = 2) below which the reference is smooth at a regular vertex or on the boundary: C1 rows and the fit
 #: leave rounding only (values on all models are below 1e-12 or above 1e-5).
@@ -63,6 +63,12 @@ class GluingData:
     def conditions(self, index: int, r: ControlRows) -> FloatArray:
         """Rows on `r.columns` of the interface `index`; see `patchtransfer.g1_conditions.conditions`."""
         return conditions(r, self.coefficients[index], bool(self.constant[index]), int(self.degree[index]))
+
+    def with_coefficients(self, index: int, coefficients: FloatArray) -> GluingData:
+        """The same with other coefficients (7,) of one interface."""
+        changed = self.coefficients.copy()
+        changed[index] = coefficients
+        return replace(self, coefficients=changed)
 
 
 def check_g1_space(mp: MultiPatch) -> None:
@@ -210,6 +216,31 @@ def _close_twists(
     """Change the c_1 that are `free` by the least, all together, so that the twist rows of every smooth vertex depend.
 
     Returns those that were free; all that end at these vertices (`near`) where that takes more.
+    """
+    matrix, rhs = _closing_equations(control, closing, data, reference)
+    # Where c_1 matters most for the residual, relative to the speeds, it changes least.
+    weight = np.array([_weight(r, reference) for r in control])
+    tolerance = CLOSED * max(float(np.abs(rhs).max()), float(np.abs(matrix).max()))
+    for chosen in (free, near):
+        moved = least_squares(matrix * (chosen / weight), rhs, RANK) * (chosen / weight)
+        if np.abs(product(matrix, moved) - rhs).max() <= tolerance:
+            data[:, 5] += moved
+            return chosen
+    raise InputError("exact G1: the twist rows cannot be closed at the regular vertices; use continuity c1")
+
+
+def twist_closure(
+    topology: Topology, control: tuple[ControlRows, ...], data: GluingData, points: FloatArray
+) -> FloatArray:
+    """Equations (m, n): changes of all c_1 that they map to zero leave the twist rows of every smooth vertex closed."""
+    coefficients = data.coefficients.copy()
+    return _closing_equations(control, _smooth_vertices(topology, coefficients), coefficients, points)[0]
+
+
+def _closing_equations(
+    control: tuple[ControlRows, ...], closing: list[tuple[Spoke, ...]], data: FloatArray, reference: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Equations for changes of c_1 that close the twist rows: a matrix (m, n) and right-hand sides (m,).
 
     The first-order rows of the four interfaces read T w + q = 0 with the four twists w and a singular T. With y T = 0
     they are solvable, and add nothing, if y q = 0, which is linear in the c_1.
@@ -233,15 +264,7 @@ def _close_twists(
         rhs[2 * k : 2 * k + 2] = -(y @ rest)
         for m, spoke in enumerate(around):
             matrix[2 * k : 2 * k + 2, spoke.interface] += y[m] * change[m]
-    # Where c_1 matters most for the residual, relative to the speeds, it changes least.
-    weight = np.array([_weight(r, reference) for r in control])
-    tolerance = CLOSED * max(float(np.abs(rhs).max()), float(np.abs(matrix).max()))
-    for chosen in (free, near):
-        moved = least_squares(matrix * (chosen / weight), rhs, RANK) * (chosen / weight)
-        if np.abs(product(matrix, moved) - rhs).max() <= tolerance:
-            data[:, 5] += moved
-            return chosen
-    raise InputError("exact G1: the twist rows cannot be closed at the regular vertices; use continuity c1")
+    return matrix, rhs
 
 
 def _weight(r: ControlRows, reference: FloatArray) -> float:
@@ -296,7 +319,22 @@ def g1_rows(
     -------
     ContinuityRows
     """
-    data = gluing_data(topology, control, reference, linear)
+    return rows_of(topology, control, gluing_data(topology, control, reference, linear), without)
+
+
+def rows_of(
+    topology: Topology,
+    control: tuple[ControlRows, ...],
+    data: GluingData,
+    without: Collection[int] = (),
+    rates: Mapping[int, FloatArray] | None = None,
+) -> ContinuityRows:
+    """Rows of given data; see `g1_rows`.
+
+    `rates` adds parameters, each as two points after all others: by an interface's index, what its conditions (m, 2)
+    change by as its parameter grows.
+    """
+    parameters = {} if rates is None else {i: topology.n_points + 2 * k for k, i in enumerate(rates)}
     columns: list[IntArray] = []
     entries: list[FloatArray] = []
     interface: list[int] = []
@@ -308,14 +346,19 @@ def g1_rows(
         raw = np.zeros((len(stated), len(names)))
         # Three points of a patch that meets itself may be one.
         np.add.at(raw.T, place, stated.T)
-        _, sigma, vt = svd(raw)
+        u, sigma, vt = svd(raw)
         rank = int((sigma > DEPENDENT * sigma[0]).sum())
+        rows = vt[:rank]
+        if rates is not None and index in rates:
+            names = np.append(names, [parameters[index], parameters[index] + 1])
+            rows = np.column_stack([rows, product(u[:, :rank].T, rates[index]) / sigma[:rank, None]])
         columns += [names] * rank
-        entries += list(vt[:rank])
+        entries += list(rows)
         interface += [index] * rank
     pointer = np.concatenate([[0], np.cumsum([len(c) for c in columns])]).astype(np.int64)
     indices = np.concatenate([[], *columns]).astype(np.int64)
-    matrix = Compressed(pointer, indices, np.concatenate([[], *entries]), (len(interface), topology.n_points))
+    shape = (len(interface), topology.n_points + 2 * len(parameters))
+    matrix = Compressed(pointer, indices, np.concatenate([[], *entries]), shape)
     none = np.full(len(interface), -1)
     order = np.zeros(len(interface), np.int64)
     return ContinuityRows(matrix, none, np.array(interface, np.int64), none, order, 0, tuple(sorted(without)))

@@ -67,6 +67,16 @@ class RowSpace:
         indptr, indices, data, shape = self._core.particular()
         return csr_array((data, indices, indptr), shape=shape)
 
+    def of_fixed(self, columns: IntArray) -> FloatArray:
+        """How interior points (n_interior, k) move with fixed points, the columns (k,) of `particular`."""
+        indptr, indices, data, (n, width) = self._core.particular()
+        number = np.full(width, -1)
+        number[columns] = np.arange(len(columns))
+        place, row = number[indices], np.repeat(np.arange(n), np.diff(indptr))
+        found = np.zeros((n, len(columns)))
+        found[row[place >= 0], place[place >= 0]] = data[place >= 0]
+        return found
+
     def project(self, points: FloatArray) -> FloatArray:
         """The map nearest to `points` (n_points, 2) that satisfies the rows and has the same boundary."""
         return self._core.project(points)

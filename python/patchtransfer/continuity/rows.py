@@ -18,7 +18,7 @@ from ..geometry.topology import Spoke, Topology
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.compressed import Compressed, selected, summed
 from .interfaces import ControlRows, chord_ratios
-from .joint_ratios import JointRatios
+from .joint_ratios import JointRatios, LegWish
 from .vertex_rows import VertexRows
 
 if TYPE_CHECKING:
@@ -120,6 +120,15 @@ class C1Rows:
     def second_rows(self) -> frozenset[int]:
         """Shared control points of the extraordinary vertices that get second rows."""
         return self._vertex_rows.vertices
+
+    @property
+    def has_joints(self) -> bool:
+        """Whether there are joints whose legs chords follow."""
+        return len(self._joint_ratios) > 0
+
+    def leg_wishes(self, points: FloatArray) -> list[LegWish]:
+        """What would give legs at these joints the speed ratios of a map."""
+        return self._joint_ratios.wishes(chord_ratios(self._topology, self._control, points), points)
 
     def _ratios(self, reference: FloatArray) -> FloatArray:
         """ω_L / ω_R of all interfaces; kept for the map asked for last, whose rows may be made anew."""

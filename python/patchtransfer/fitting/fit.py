@@ -31,7 +31,7 @@ from ..geometry.straight_corners import Triangles, straighten
 from ..numeric.arrays import FloatArray, IntArray, frozen_array
 from ..registration.register import LoopRegistration, Registration
 
-__all__ = ["FREE", "STIFF", "FittedBoundary", "FittedSide", "Stiffness", "fit_boundary"]
+__all__ = ["FREE", "STIFF", "FittedBoundary", "FittedSide", "Stiffness", "fit_boundary", "sampled_basis"]
 
 #: Samples per knot span and at least per side.
 SAMPLES_PER_SPAN, MIN_SAMPLES = 14, 24
@@ -280,14 +280,15 @@ class _Bases:
         """Index of the basis and the samples' parameters."""
         key = (curve.degree, curve.knots.tobytes())
         if key not in self._known:
-            t, values = _sampled_basis(*key)
+            t, values = sampled_basis(*key)
             self._known[key] = len(self.values), t
             self.values.append(values)
         return self._known[key]
 
 
 @lru_cache(maxsize=256)
-def _sampled_basis(degree: int, knot_bytes: bytes) -> tuple[FloatArray, FloatArray]:
+def sampled_basis(degree: int, knot_bytes: bytes) -> tuple[FloatArray, FloatArray]:
+    """Parameters of a side's samples, and its basis functions there, for knots as bytes."""
     knots = np.frombuffer(knot_bytes)
     breaks = knot_spans(knots)
     per_span = max(SAMPLES_PER_SPAN, -(-MIN_SAMPLES // (len(breaks) - 1)))

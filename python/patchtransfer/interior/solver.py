@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -12,11 +12,13 @@ import numpy as np
 
 from ..continuity.g1 import g1_rows
 from ..continuity.interfaces import control_rows
+from ..continuity.joint_ratios import LegWish
 from ..continuity.null_space import RowSpace, row_space
 from ..continuity.rows import C1Rows, ContinuityRows
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.topology import Spoke
+from ..measure.quality import quality
 from ..numeric.arrays import FloatArray
 from ..numeric.compressed import Compressed
 from ..progress import Budget, Clock, Progress, StopReason, reporter
@@ -32,6 +34,7 @@ from .optimizer import (
     step_cost,
 )
 from .spoilt import SPOILT, spoilt_vertices
+from .under_g1 import with_better_middles
 from .under_rows import ROW_ROUNDS, ActiveRows, MakeRows, best_under_rows, optimize_under_rows, rows_summary
 
 if TYPE_CHECKING:
@@ -45,8 +48,8 @@ CONTINUITY = ("c0", "c1", "g1")
 FAR = 100.0
 #: Part of the work for rows, which need most of it; the rest is for finding a map without them.
 ROWS_SHARE = 0.65
-#: Optimizers under rows that a thread keeps, one a pattern of the null-space basis.
-KEPT_PATTERNS = 2
+#: Optimizers under rows that a thread keeps, one a pattern of the null-space basis: of C1, and of exact G1 twice.
+KEPT_PATTERNS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +126,15 @@ class InteriorSolver:
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state, _kept=_Kept())
 
+    @property
+    def follows_legs(self) -> bool:
+        """Whether there are chords whose ratio is to be that of legs on the boundary."""
+        return self._c1.has_joints
+
+    def leg_wishes(self, points: FloatArray, degenerate: Sequence[tuple[int, int]]) -> list[LegWish]:
+        """Legs in the ratios of the chords that end at them, whose speeds are those of the harmonic map."""
+        return self._c1.leg_wishes(self.optimizer(degenerate).harmonic(points))
+
     def certified(
         self,
         start: FloatArray,
@@ -187,7 +199,7 @@ class InteriorSolver:
                 return InteriorMap(rough.points, check(rough.points), log, [])
             if rough.min_determinant > 0:
                 part = budget.part(ROWS_SHARE)
-                under, complete = self._under_rows(rough.points, make, check, progress, clock, part, rounds=1)
+                under, complete = self._under_rows(rough.points, degenerate, check, progress, clock, part, rounds=1)
                 log += under.log
                 # Rows that are not complete leave the rough map as it was, or one that is certified.
                 if complete or budget.expired():
@@ -209,13 +221,13 @@ class InteriorSolver:
             return replace(spare, log=[*log, "the certified map under rows is kept, though its corners collapse"])
         if not (self._levels and certificate.injective) or budget.expired():
             return InteriorMap(found.points, certificate, log, [])
-        under, _ = self._under_rows(found.points, make, check, progress, clock, budget.part(ROWS_SHARE))
+        under, _ = self._under_rows(found.points, degenerate, check, progress, clock, budget.part(ROWS_SHARE))
         return replace(under, log=log + under.log)
 
     def _under_rows(
         self,
         points: FloatArray,
-        make: Callable[..., SplineOptimizer],
+        degenerate: Sequence[tuple[int, int]],
         check: Certify,
         progress: Progress | None,
         clock: Clock,
@@ -228,7 +240,7 @@ class InteriorSolver:
         of no use otherwise.
         """
         log: list[str] = []
-        complete = True
+        make, complete = partial(self.optimizer, degenerate), True
         for level in self._levels:
             with clock("continuity rows") as stage:
                 choices = [
@@ -246,9 +258,24 @@ class InteriorSolver:
                     rounds=rounds,
                     budget=budget,
                 )
+                kept = self._linear.issuperset(rows.without) and not rows.collapsed
+                # Fixed ratios are those of the source, whatever they cost.
+                exact = level == "g1" and certificate.injective and not (rows.without or rows.contradictory)
+                if exact and self.ratios == "target":
+                    points, certificate, rows, changes = with_better_middles(
+                        self.source.topology,
+                        self._control,
+                        points,
+                        certificate,
+                        rows,
+                        make,
+                        partial(self._least_jacobian, degenerate),
+                        check,
+                        budget,
+                    )
+                    entries += changes
                 stage.found = f"{rows.active} rows kept; {entries[-1] if entries else 'no step'}"
             log += entries
-            kept = self._linear.issuperset(rows.without) and not rows.collapsed
             complete = complete and certificate.injective and kept
             if budget.expired() or (rounds == 1 and not complete):
                 break
@@ -414,6 +441,10 @@ class InteriorSolver:
             return self._c1(followed, released, without, relaxed=self._c1.second_rows, open_vertices=found)
 
         return make
+
+    def _least_jacobian(self, degenerate: Sequence[tuple[int, int]], points: FloatArray) -> float:
+        """Smallest scaled Jacobian of a map, of the samples that results are measured by."""
+        return quality(self.model(points), exclude=degenerate).scaled_jacobian.min
 
     @property
     def _levels(self) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fitting.fit import FittedBoundary
+from ..fitting.legs import with_legs
 from ..geometry.multipatch import MultiPatch
 from ..gradients.frozen import freeze
 from ..interior.solver import InteriorMap, InteriorSolver
@@ -46,13 +47,17 @@ def attempt(
     boundary: SourceBoundary,
     interior: InteriorSolver,
     run: Run,
+    *,
+    legs: bool = True,
 ) -> TransferResult:
-    """From the fitted boundary to the result, with the source's knots: pose, slide, solve, measure.
+    """From the fitted boundary to the result, with the source's knots: pose, slide, legs, solve, measure.
 
-    Sliding spoils nothing: joints go back where only that has a certified map.
+    Without `legs` the boundary stays as it was fitted. Sliding spoils nothing: joints go back where only that has a
+    certified map.
     """
     posed = boundary.pose(registered, fitted, run)
     slid, sliding = slide(posed, movable, boundary, interior, run)
+    slid = with_legs_of_chords(slid, boundary, interior, run) if legs else slid
     if sliding is None or not sliding.rounds:
         slid, found = solve(slid, boundary, interior, run)
         return measure(slid, sliding, found, interior, run)
@@ -63,6 +68,24 @@ def attempt(
             kept = SlideReport(sliding.energies[:1])
             return measure(stayed, kept, unslid, interior, run).with_warnings([SLID_BACK])
     return measure(slid, sliding, found, interior, run)
+
+
+def with_legs_of_chords(posed: Posed, boundary: SourceBoundary, interior: InteriorSolver, run: Run) -> Posed:
+    """The boundary with legs in the ratios of the chords that end at them, where the fit allows that."""
+    if posed.failure is not None or run.options.method == "paper" or not interior.follows_legs:
+        return posed
+    with run.clock("fitting") as stage:
+        wishes = interior.leg_wishes(posed.start, posed.degenerate)
+        wanted = boundary.leg_lengths(wishes, posed.start)
+        fitted = with_legs(posed.fitted, posed.registration, wanted, run.options.fit_tolerance)
+        bound, degenerate, report, reason = boundary.check(fitted)
+        missed = fitted.error > max(posed.fitted.error, run.options.fit_tolerance)
+        worse = reason is not None or degenerate != posed.degenerate or (posed.report.simple and not report.simple)
+        if not (missed or worse):
+            start = boundary.points(fitted)
+            posed = replace(posed, fitted=fitted, start=start, corner_bound=bound, report=report)
+        stage.found = f"boundary error {posed.fitted.error:.1e} of the diameter, legs in the ratios of chords"
+    return posed
 
 
 def slide(

@@ -70,7 +70,7 @@ def smoothed(result: TransferResult, now: Finer, run: Run) -> TransferResult:
             target, _ = finer(best.multipatch, None, knots, 1)
             stage.found = f"{len(knots)} spans of interfaces halved, {target.topology.n_points} control points"
         fitted = best.fitted.with_curves(now.boundary.curves(target.topology.coordinates))
-        found = attempt(now.registered, fitted, [], now.boundary, now.interior, run)
+        found = attempt(now.registered, fitted, [], now.boundary, now.interior, run, legs=False)
         if not found.certificate.injective:
             why = "with more knots no certified map was found"
             break

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..continuity.joint_ratios import LegWish
 from ..errors import InfeasibleTargetError, InputError
 from ..fitting.fit import FREE, SMOOTH_ANGLE, STIFF, FittedBoundary, fit_boundary
 from ..geometry.boundary import Boundary
@@ -207,6 +208,18 @@ class SourceBoundary:
             ]
             for loop, along in zip(self.loops, self._points_of, strict=True)
         ]
+
+    def leg_lengths(self, wishes: Sequence[LegWish], points: FloatArray) -> dict[tuple[int, int], tuple[float, float]]:
+        """From (loop, side) to the wished lengths of the legs before and after the side's start."""
+        places = {int(on[0]): (k, i) for k, loop in enumerate(self._points_of) for i, on in enumerate(loop)}
+        found = {}
+        for wish in wishes:
+            k, i = places[wish.joint]
+            factors = {wish.left: 1 / wish.factor, wish.right: wish.factor}
+            ends = int(self._points_of[k][i - 1][-2]), int(self._points_of[k][i][1])
+            before, after = (factors[p] * float(np.hypot(*(points[p] - points[wish.joint]))) for p in ends)
+            found[k, i] = before, after
+        return found
 
     def points(self, fitted: FittedBoundary) -> FloatArray:
         """Shared control points with the fitted boundary and the source's interior."""
