@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import strategies
 from patchtransfer import Boundary, BSplineCurve, InputError
-from patchtransfer.studio.editing import PointAddress, addresses, control_points, moved
+from patchtransfer.studio.editing import PointAddress, addresses, control_points, moved, pulled
 
 places = st.tuples(st.floats(-3, 3), st.floats(-3, 3))
 
@@ -58,6 +58,29 @@ def test_corners_stay_corners_and_lines_lines():
     square = Boundary.from_points([(0, 0), (1, 0), (1, 1), (0, 1)])
     after = moved(square, PointAddress(0, 1, 0), (2, -1))
     np.testing.assert_array_equal([c.start for c in after.loops[0]], [(0, 0), (2, -1), (1, 1), (0, 1)])
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 11), st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)), st.floats(0.01, 0.5))
+def test_what_is_pulled_is_there_smooth_and_still_beyond_the_reach(number, shift, reach):
+    before = circle()
+    at = addresses(before)[number]
+    to = before.loops[0][at.curve].control_points[at.point] + shift
+    after = pulled(before, at, tuple(to), reach)
+    np.testing.assert_allclose(after.loops[0][at.curve].control_points[at.point], to, atol=1e-12)
+    loop = after.loops[0]
+    for k in range(4):
+        into = loop[k].control_points[-1] - loop[k].control_points[-2]
+        out = loop[(k + 1) % 4].control_points[1] - loop[(k + 1) % 4].control_points[0]
+        # The circle's own joints are straight to the digits of its legs.
+        assert abs(into[0] * out[1] - into[1] * out[0]) <= 1e-9
+    moved_joints = [not np.allclose(a.start, b.start, atol=1e-12) for a, b in zip(before.loops[0], loop, strict=True)]
+    if reach < 0.12:
+        assert sum(moved_joints) <= 1
+
+
+def test_a_pull_without_reach_is_a_move():
+    assert pulled(circle(), PointAddress(0, 1, 1), (1, 1), 0.0) == moved(circle(), PointAddress(0, 1, 1), (1, 1))
 
 
 @pytest.mark.parametrize("at", [(1, 0, 0), (0, 4, 0), (0, 0, 3), (0, 0, -1)])

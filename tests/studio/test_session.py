@@ -67,10 +67,10 @@ def test_an_infeasible_drag_says_where_and_recovers():
     before = session.edited.target
     at = session.handles[0]
     home = tuple(place(session, at))
-    session.grab(at)
-    # Across the shape and out on the other side.
+    session.grab(at, 0.1)
+    # Across the shape and far out on the other side.
     centre = control_points(before).mean(axis=0)
-    session.drag(tuple(centre + 1.6 * (centre - np.array(home))))
+    session.drag(tuple(centre + 3 * (centre - np.array(home))))
     assert session.shown.error is not None
     assert session.shown.certificate is None or not session.shown.certificate.injective
     assert session.shown.places
@@ -82,6 +82,17 @@ def test_an_infeasible_drag_says_where_and_recovers():
     assert session.shown.error is None
     session.drop()
     assert session.result.succeeded
+
+
+def test_a_map_that_cannot_follow_is_no_success():
+    """A spike of one control point, which a fit at held feet does not see: a proof of another shape."""
+    session = opened()
+    at = session.handles[0]
+    centre = control_points(session.edited.target).mean(axis=0)
+    session.grab(at)
+    session.drag(tuple(centre + 1.5 * (place(session, at) - centre)))
+    assert "cannot follow so far" in session.shown.error
+    assert not View(session).state()["ok"]
 
 
 def test_everything_can_be_undone_and_done_again():

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InfeasibleTargetError, InputError
-from ..fitting.fit import SMOOTH_ANGLE
-from ..geometry.basis import collocation_matrix, greville
+from ..geometry.basis import collocation_matrix
 from ..geometry.multipatch import MultiPatch
 from ..geometry.outline import Outline
 from ..geometry.topology import BoundarySide
@@ -27,6 +26,7 @@ from ..pipeline.plan import Refilled, TransferPlan
 from ..pipeline.result import NotCertifiedError
 from ..proof.certificate import Certificate
 from ..registration.landmarks import SNAP_DISTANCE
+from .bumps import LoopBumps
 
 __all__ = ["DeformResult", "Deformer", "deform"]
 
@@ -199,7 +199,7 @@ class _Loop:
         self._curves = [side.curve(mp.patches) for side in sides]
         self._indices = [side.points(mp.topology.points[side.patch]) for side in sides]
         self.outline = Outline(self._curves)
-        self._smooth = np.abs(self.outline.turn(self.outline.joints[:-1])) < SMOOTH_ANGLE
+        self._bumps = LoopBumps(self.outline)
 
     def displace(self, points: FloatArray, places: FloatArray, rows: FloatArray, radius: float | None) -> None:
         """Add to `points` the displacement that takes the boundary points at `places` to the last two columns."""
@@ -212,7 +212,7 @@ class _Loop:
         if radius is None:
             radius = max(REACH * length, REACH_PER_DRAG * float(np.linalg.norm(drag, axis=1).max()))
         radius = min(radius, length / 2)
-        bumps = [self._bumps(k, places, radius) for k in range(len(self._curves))]
+        bumps = [self._bumps.of_curve(k, places, radius) for k in range(len(self._curves))]
         matrix = np.stack(
             [
                 product(collocation_matrix(self._curves[k].knots, self._curves[k].degree, np.array([t])), bumps[k])[0]
@@ -242,22 +242,3 @@ class _Loop:
             t = np.linspace(first, last, 2049)
             parameters.append(float(np.interp(s, self.outline.arc_length(k, t), t)))
         return curve, np.array(parameters)
-
-    def _bumps(self, k: int, centres: FloatArray, radius: float) -> FloatArray:
-        """Displacement (n, r) of the control points of side k by a unit bump at each of the centres."""
-        c = self._curves[k]
-        s = self.outline.arc_length(k, greville(c.knots, c.degree))
-        bumps, _ = self._bump(s, centres, radius)
-        for joint, end, inner in ((k, 0, 1), (k + 1, -1, -2)):
-            if self._smooth[joint % len(self._curves)]:
-                value, slope = self._bump(s[[end]], centres, radius)
-                leg = float(np.linalg.norm(c.control_points[inner] - c.control_points[end]))
-                bumps[inner] = value[0] + np.copysign(leg, inner + 1.5) * slope[0]
-        return bumps
-
-    def _bump(self, s: FloatArray, centres: FloatArray, radius: float) -> tuple[FloatArray, FloatArray]:
-        """Wendland's function (1 - d)⁴ (4 d + 1) of the distance along the loop over the radius, and its slope."""
-        length = self.outline.length
-        away = (s[:, None] - centres + length / 2) % length - length / 2
-        d = np.minimum(np.abs(away) / radius, 1.0)
-        return (1 - d) ** 4 * (4 * d + 1), -20 * d * (1 - d) ** 3 * np.sign(away) / radius

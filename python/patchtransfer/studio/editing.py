@@ -9,10 +9,14 @@ import numpy as np
 from ..errors import InputError
 from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
-from ..geometry.outline import CORNER
+from ..geometry.outline import CORNER, Outline
+from ..motion.bumps import LoopBumps
 from ..numeric.arrays import FloatArray
 
-__all__ = ["PointAddress", "addresses", "control_points", "moved"]
+__all__ = ["PointAddress", "addresses", "control_points", "moved", "pulled"]
+
+#: A point that gets less of a bump at it would need a bump several times the drag.
+LEAST_SHARE = 0.5
 
 
 class PointAddress(NamedTuple):
@@ -76,6 +80,41 @@ def moved(boundary: Boundary, at: PointAddress, to: tuple[float, float]) -> Boun
     )
     loops = [changed if k == at.loop else other for k, other in enumerate(boundary.loops)]
     return Boundary(loops, boundary.notes)
+
+
+def pulled(boundary: Boundary, at: PointAddress, to: tuple[float, float], reach: float) -> Boundary:
+    """The boundary with a control point elsewhere and its neighbourhood drawn along.
+
+    The motion fades with the length along the loop (`motion.bumps`) and ends at `reach`, a part of the loop's length;
+    corners stay corners and smooth joints smooth. With a reach of 0 it is `moved`.
+
+    Raises
+    ------
+    InputError
+        When there is no such point.
+    """
+    if not reach > 0:
+        return moved(boundary, at, to)
+    if at not in addresses(boundary):
+        raise InputError(f"there is no control point {at.point} on curve {at.curve} of loop {at.loop}")
+    loop = boundary.loops[at.loop]
+    bumps = LoopBumps(Outline(loop))
+    held = loop[at.curve].control_points[at.point]
+    centre = bumps.outline.nearest(held[None])[0]
+    if at.point == 0:
+        centre = bumps.outline.joints[[at.curve]]
+    shares = [bumps.of_curve(k, centre, reach * bumps.outline.length) for k in range(len(loop))]
+    share = float(shares[at.curve][at.point, 0])
+    if share < LEAST_SHARE:
+        # A leg longer than the reach: the bump beside it hardly moves it.
+        return moved(boundary, at, to)
+    # What is held goes where the pointer is, though its bump is highest beside it.
+    shift = (np.array(to, float) - held) / share
+    changed = tuple(
+        BSplineCurve(curve.knots, curve.degree, curve.control_points + share * shift, curve.weights)
+        for curve, share in zip(loop, shares, strict=True)
+    )
+    return Boundary([changed if k == at.loop else other for k, other in enumerate(boundary.loops)], boundary.notes)
 
 
 def _turn(first: BSplineCurve, second: BSplineCurve, leg: FloatArray, points: FloatArray, other: int) -> None:

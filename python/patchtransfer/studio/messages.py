@@ -17,6 +17,8 @@ __all__ = ["LARGEST_MESSAGE", "obey"]
 LARGEST_MESSAGE = 4096
 #: Coordinates that a drag can mean; squares of larger ones overflow soon.
 FAR = 1e100
+#: All of a loop is half of its length away at most.
+MOST_REACH = 0.5
 
 
 def obey(session: Session, text: str) -> str:
@@ -26,8 +28,8 @@ def obey(session: Session, text: str) -> str:
     ----------
     session : Session
     text : str
-        JSON with a key ``do``: "refresh", "grab" (loop, curve, point), "drag" (x, y), "drop", "add" (sx, sy, tx, ty),
-        "move" (landmark, on, x, y), "remove" (landmark), "undo" or "redo".
+        JSON with a key ``do``: "refresh", "grab" (loop, curve, point, reach), "drag" (x, y), "drop", "add" (sx, sy,
+        tx, ty), "move" (landmark, on, x, y), "remove" (landmark), "undo" or "redo".
 
     Returns
     -------
@@ -75,7 +77,10 @@ def _point(message: dict[str, Any], x: str = "x", y: str = "y") -> tuple[float, 
 
 
 def _grab(session: Session, message: dict[str, Any]) -> None:
-    session.grab(PointAddress(*(_index(message, key) for key in ("loop", "curve", "point"))))
+    reach = _number(message, "reach") if "reach" in message else 0.0
+    if not 0 <= reach <= MOST_REACH:
+        raise InputError(f"a reach is a part of the loop's length, from 0 to {MOST_REACH}")
+    session.grab(PointAddress(*(_index(message, key) for key in ("loop", "curve", "point"))), reach)
 
 
 def _move(session: Session, message: dict[str, Any]) -> None:

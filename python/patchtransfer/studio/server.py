@@ -79,6 +79,8 @@ def serve(session: Session, title: str, port: int, ready: Callable[[str], None])
     except OSError as error:
         listening.close()
         raise InputError(f"port {port} cannot be used ({error.strerror}); take another one, or --port 0") from None
+    # From here on whoever has the address is heard, if not answered yet.
+    listening.listen()
     port = listening.getsockname()[1]
     token = secrets.token_urlsafe(TOKEN_BYTES)
     app = application(session, title, port, token, partial(ready, f"http://{HOST}:{port}/?token={token}"))

@@ -16,11 +16,12 @@ from ..gradients.filled import Filled
 from ..gradients.frozen import Frozen
 from ..gradients.outline_map import OutlineMap
 from ..numeric.arrays import FloatArray
+from ..pipeline.options import MISSED, Options
 from ..pipeline.plan import TransferPlan
 from ..pipeline.result import TransferResult, failure_of
 from ..proof.certificate import Certificate, check_boundary
 from ..sources.auto_layout import parameterize
-from .editing import PointAddress, addresses, control_points, moved
+from .editing import PointAddress, addresses, control_points, pulled
 
 __all__ = ["Drag", "Edited", "Landmark", "Session", "Shown"]
 
@@ -75,6 +76,7 @@ class Drag(NamedTuple):
 
     at: PointAddress
     before: Boundary
+    reach: float
     frozen: Frozen | None
     outline: OutlineMap | None
 
@@ -109,6 +111,7 @@ class Session:
     ) -> None:
         self.source, self._options = source, options
         self._plan = TransferPlan(source, continuity)
+        self._fit_tolerance = Options(**options).fit_tolerance
         rows = np.empty((0, 4)) if landmarks is None else np.asarray(landmarks, float)
         self.edited = Edited(target, tuple(Landmark((a, b), (c, d)) for a, b, c, d in rows.tolist()))
         self._past: list[Edited] = []
@@ -160,8 +163,8 @@ class Session:
             False,
         )
 
-    def grab(self, at: PointAddress) -> None:
-        """Take hold of a control point of the target.
+    def grab(self, at: PointAddress, reach: float = 0.0) -> None:
+        """Take hold of a control point of the target; `reach` is the part of the loop's length that it draws along.
 
         Raises
         ------
@@ -179,7 +182,7 @@ class Session:
                 # Degenerate maps may have no derivative: such drags are transferred step by step.
                 frozen = outline = None
         self._near = None
-        self._drag = Drag(at, self.edited.target, frozen, outline)
+        self._drag = Drag(at, self.edited.target, reach, frozen, outline)
 
     def drag(self, to: Point) -> None:
         """Move the point that is held; what is shown follows under held rows."""
@@ -187,7 +190,7 @@ class Session:
             raise InputError("no point is held; grab one first")
         begin = time.perf_counter()
         held = self._drag
-        target = moved(held.before, held.at, to)
+        target = pulled(held.before, held.at, to, held.reach)
         self.edited = self.edited._replace(target=target)
         if held.frozen is None or held.outline is None:
             self.refresh()
@@ -201,6 +204,12 @@ class Session:
         certificate = filled.certificate
         why = None if certificate.injective else "; ".join(certificate.reasons[:2])
         places = [] if certificate.injective else _meetings(target)
+        missed, where = _farthest(filled.multipatch.boundary(), target)
+        off = missed / target.diameter
+        if why is None and off > MISSED * self._fit_tolerance:
+            # A proof of another shape is none of this one.
+            why = f"the map cannot follow so far ({off:.1e} of the diameter off): drop the point to fit it anew"
+            places = [where]
         self.shown = Shown(filled.multipatch, certificate, why, places, time.perf_counter() - begin, True)
 
     def drop(self) -> None:
@@ -278,6 +287,15 @@ class Session:
 def _meetings(boundary: Boundary) -> list[Point]:
     """Where a boundary crosses or touches itself."""
     return [meeting.point for meeting in check_boundary([list(loop) for loop in boundary.loops]).crossings]
+
+
+def _farthest(boundary: Boundary, target: Boundary) -> tuple[float, Point]:
+    """How far the target's joints and middles of curves are from the boundary, and the farthest of them."""
+    curves = [curve for loop in target.loops for curve in loop]
+    at = np.concatenate([curve(np.linspace(*curve.domain, 3)[:-1]) for curve in curves])
+    away = np.min([Outline(loop).nearest(at)[1] for loop in boundary.loops], axis=0)
+    x, y = at[int(away.argmax())].tolist()
+    return float(away.max()), (x, y)
 
 
 def _nearest(outlines: list[Outline], point: Point) -> Point:

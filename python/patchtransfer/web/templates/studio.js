@@ -143,9 +143,9 @@ for (const [name, svg] of Object.entries(pictures)) {
     if (mark.classList.contains("handle")) {
       const [loop, curve, point] = state.handles[[...mark.parentNode.children].indexOf(mark)];
       grip = { handle: [loop, curve, point] };
-      say({ do: "grab", loop, curve, point });
+      say({ do: "grab", loop, curve, point, reach: Number($("reach").value) });
     } else if (mark.classList.contains("pair")) {
-      grip = { landmark: Number(mark.dataset.landmark), on: name };
+      grip = { landmark: Number(mark.dataset.landmark), on: name, x: event.clientX, y: event.clientY };
     } else return;
     event.preventDefault();
     svg.setPointerCapture(event.pointerId);
@@ -156,12 +156,16 @@ for (const [name, svg] of Object.entries(pictures)) {
   for (const end of ["pointerup", "pointercancel"])
     svg.addEventListener(end, (event) => {
       if (grip?.handle) say({ do: "drop" });
-      if (grip?.landmark !== undefined && end === "pointerup")
+      // A click is no move.
+      const far = grip?.landmark !== undefined && Math.hypot(event.clientX - grip.x, event.clientY - grip.y) > 3;
+      if (far && end === "pointerup")
         say({ do: "move", landmark: grip.landmark, on: grip.on, ...place(grip.on, event) });
       grip = null;
     });
   svg.addEventListener("dblclick", (event) => {
-    if (event.target.classList.contains("pair")) say({ do: "remove", landmark: Number(event.target.dataset.landmark) });
+    // The pointer was captured, so that the event names the whole picture.
+    const mark = document.elementFromPoint(event.clientX, event.clientY);
+    if (mark?.classList.contains("pair")) say({ do: "remove", landmark: Number(mark.dataset.landmark) });
   });
 }
 
