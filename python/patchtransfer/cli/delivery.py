@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -32,15 +32,16 @@ def deliver(
     html_path: str | None,
     outline: Boundary,
     verbose: bool = False,
+    more: Mapping[str, Any] | None = None,
 ) -> None:
     """Write pictures (path, or None for none, and what draws there), model and report, all or none of them.
 
-    The report has the outline's notes besides, and so has the page.
+    The report has the outline's notes besides, and `more`; the page has the notes.
     """
     from .. import io
     from ..pipeline.result import failure_of
 
-    content = result.to_dict() | {"notes": list(outline.notes)}
+    content = result.to_dict() | {"notes": list(outline.notes)} | dict(more or {})
     pictures = [*pictures, (html_path, partial(_write_page, result, command_line(), outline.notes))]
     error = failure_of(result)
     if error is not None:

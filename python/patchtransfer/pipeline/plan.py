@@ -108,8 +108,13 @@ class TransferPlan:
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
         run = Run.of(options, self._interior.step_cost, progress, self.continuity)
+        begun = self._begun(target, landmarks, run)
+        return begun.owner._ended(begun, run)
+
+    def _begun(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> Begun:
+        """A transfer as far as its correspondence, for `_ended` of its owner: many are looked at before one goes on."""
         if run.options.ratios not in (None, self.ratios):
-            return self._of_other_ratios.transfer(target, landmarks, progress=progress, **options)
+            return self._of_other_ratios._begun(target, landmarks, run)
         try:
             plan, registered = self._faced(target, landmarks, run)
         except InfeasibleTargetError as error:
@@ -117,6 +122,11 @@ class TransferPlan:
             if "registration" in run.clock.seconds and self._looks_mirrored(target, landmarks, None, run):
                 error.args = (f"{error}; {MIRROR_IMAGE}", *error.args[1:])
             raise
+        return Begun(self, plan, registered, target, landmarks)
+
+    def _ended(self, begun: Begun, run: Run) -> TransferResult:
+        """The result of a transfer with its correspondence."""
+        _, plan, registered, target, landmarks = begun
         given = landmarks if plan is self else mirrored_rows(landmarks)
         if run.options.split == "auto":
             result = split_or_whole(plan, registered, given, run)
@@ -459,3 +469,16 @@ class Unsplit(NamedTuple):
 
     plan: TransferPlan
     division: Division
+
+
+class Begun(NamedTuple):
+    """A transfer with its correspondence: the plan that it was asked of, and that which it is of.
+
+    The latter is another one for a source's mirror image.
+    """
+
+    owner: TransferPlan
+    plan: TransferPlan
+    registered: Registered
+    target: Boundary
+    landmarks: ArrayLike | None

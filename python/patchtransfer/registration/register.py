@@ -30,7 +30,7 @@ from .missed_corners import MissedCorner, missed_corners, missed_warnings
 from .missed_tabs import MissedTab, missed_tabs, tab_text
 from .sampled_boundary import BoundaryShape, cyclic_gap, image_of
 
-__all__ = ["LoopRegistration", "Registration", "RunnerUp", "register"]
+__all__ = ["LoopRegistration", "Registration", "RunnerUp", "register", "target_outlines"]
 
 #: Curves shorter than this part of the diameter have no length.
 SHORTEST = 1e-9
@@ -222,7 +222,7 @@ def register(
     """
     source_loops = [loop if isinstance(loop, Outline) else Outline(loop) for loop in source]
     _check_sense(source_loops)
-    target_loops = _outlines(target)
+    target_loops = target_outlines(target)
     if len(source_loops) != len(target_loops):
         raise InfeasibleTargetError(
             f"the source has {len(source_loops) - 1} holes and the target {len(target_loops) - 1}: "
@@ -350,7 +350,7 @@ def _landmark_rows(source: Outline, target: Outline, anchors: FloatArray, featur
     return np.concatenate([source.point(pairs[:, 0]), target.point(pairs[:, 1])], axis=1)
 
 
-def _outlines(target: Boundary) -> list[Outline]:
+def target_outlines(target: Boundary) -> list[Outline]:
     """Outlines of the target, largest area first, turned so that the domain is on the left."""
     outlines = [Outline(loop) for loop in target.loops]
     _check_curves(target, outlines)
