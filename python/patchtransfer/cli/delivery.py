@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -66,9 +66,9 @@ def _write_page(result: TransferResult, command: str | None, notes: Sequence[str
     write_atomic(Path(path), transfer_page(result, command, notes))
 
 
-def leave(result: TransferResult) -> NoReturn:
-    """End with the result's warnings and status."""
-    warn(result.warnings)
+def leave(result: TransferResult, shown: Collection[str] = ()) -> NoReturn:
+    """End with the result's warnings, but for those that were shown before, and its status."""
+    warn(text for text in result.warnings if text not in shown)
     sys.exit(0 if result.succeeded else NOT_CERTIFIED)
 
 

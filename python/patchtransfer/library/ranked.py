@@ -41,6 +41,8 @@ class Ranked:
         Cost of the correspondence, 0 for similar shapes.
     confidence : float or None
         Of the registration.
+    expected : float or None
+        Median of the least scaled Jacobian that the registration lets expect.
     status : str or None
         Of the result's certificate.
     min_scaled_jacobian : Bounds or None
@@ -57,6 +59,7 @@ class Ranked:
     distance: float | None = None
     score: float | None = None
     confidence: float | None = None
+    expected: float | None = None
     status: str | None = None
     min_scaled_jacobian: Bounds | None = None
     boundary_error: float | None = None
@@ -79,7 +82,7 @@ def table(candidates: Sequence[Ranked]) -> str:
     stages = list(STAGES)
     looked_at = [c for c in candidates if stages.index(c.stage) >= stages.index("registration") or c.status]
     others = collections.Counter(c.stage for c in candidates if c not in looked_at)
-    rows = [("model", "signature", "score", "confidence", "min SJ", "outcome")]
+    rows = [("model", "signature", "score", "confidence", "expected", "min SJ", "outcome")]
     rows += [_row(candidate) for candidate in looked_at]
     # Of what is not known of any there is no column.
     columns = [column for column in zip(*rows, strict=True) if any(column[1:])]
@@ -96,7 +99,7 @@ def _aligned(column: Sequence[str], left: bool) -> list[str]:
     return [cell.ljust(width) if left else cell.rjust(width) for cell in column]
 
 
-def _row(candidate: Ranked) -> tuple[str, str, str, str, str, str]:
+def _row(candidate: Ranked) -> tuple[str, str, str, str, str, str, str]:
     least = candidate.min_scaled_jacobian
     reason = " ".join((candidate.reason or "").split())
     short = reason if len(reason) <= REASON else f"{reason[:REASON]} ..."
@@ -106,6 +109,7 @@ def _row(candidate: Ranked) -> tuple[str, str, str, str, str, str]:
         _number(candidate.distance),
         _number(candidate.score),
         "" if candidate.confidence is None else f"{candidate.confidence:.2f}",
+        "" if candidate.expected is None else f"{candidate.expected:.2f}",
         "" if least is None else f"{least.lower:.4f}",
         f"{outcome}: {short}" if short else outcome,
     )

@@ -31,7 +31,8 @@ class Search:
         if not isinstance(target, Boundary):
             raise InputError(f"target must be a Boundary (see read_boundary), got {type(target).__name__}")
         options_of(options).decided(models.continuity)
-        self._models, self._target, self._progress = models, target, progress
+        self._models, self._target = models, target
+        self._progress = None if progress is None else _Unwarned(progress)
         # Which of several results to take is decided at the end.
         self._options: TransferOptions = {**options, "on_failure": "return"}
         self._clock = Clock(progress)
@@ -97,6 +98,7 @@ class Search:
             stage="registration",
             score=registration.loops[0].score,
             confidence=registration.confidence,
+            expected=registration.expected and registration.expected.min_scaled_jacobian.median,
         )
 
     def transfer(self, tries: int) -> None:
@@ -221,3 +223,18 @@ def _worth(result: TransferResult) -> tuple[bool, bool, float]:
     proved = result.quality.proved
     least = result.quality.scaled_jacobian.min if proved is None else proved.min_scaled_jacobian.lower
     return result.succeeded, result.certificate.status == "certified", least
+
+
+class _Unwarned:
+    """Progress that is told nothing of what speaks against a candidate: most are no choice, and their table says so."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+
+    def __call__(self, stage: str, step: int, energy: float, least: float) -> None:
+        self._progress(stage, step, energy, least)
+
+    def ended(self, stage: str, seconds: float, found: str) -> None:
+        ended = getattr(self._progress, "ended", None)
+        if ended is not None:
+            ended(stage, seconds, found)
