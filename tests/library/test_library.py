@@ -143,6 +143,17 @@ def test_the_last_candidate_is_a_layout_of_the_targets_own():
         only.rank(domains.L)
 
 
+def test_a_layout_of_its_own_is_tried_where_no_model_fits_well(target, monkeypatch):
+    bar = pt.Library({"bar": shapes()["bar"]})
+    assert [c.name for c in bar.transfer(target).candidates] == ["bar"]
+    # Nothing is good enough.
+    monkeypatch.setattr(library, "POOR", 2.0)
+    found = bar.transfer(target)
+    least = {c.name: c.min_scaled_jacobian.lower for c in found.candidates}
+    assert set(least) == {"bar", PARAMETERIZE}
+    assert found.chosen == max(least, key=least.get)
+
+
 def test_a_failure_says_what_was_tried(target, monkeypatch):
     def failing(self, begun, run):
         raise pt.InfeasibleTargetError("made to fail")

@@ -23,12 +23,12 @@ __all__ = ["library"]
 @click.argument("target", type=click.Path())
 @click.option("-o", "--output", metavar="OUT.xml", help="Multi-patch of the best; without it DIR is only ranked.")
 @click.option("--tries", type=click.IntRange(1), default=3, show_default=True, help="Models that are transferred.")
-@click.option("--keep", type=click.IntRange(1), default=8, show_default=True, help="Models that are registered.")
+@click.option("--keep", type=click.IntRange(1), default=12, show_default=True, help="Models that are registered.")
 @click.option(
     "--parameterize/--no-parameterize",
     default=True,
     show_default=True,
-    help="Where no model fits, make a layout of the target's own.",
+    help="Where no model fits well, try a layout of the target's own.",
 )
 @click.option("--skip-unreadable", is_flag=True, help="Leave out files that are no models.")
 @click.option(

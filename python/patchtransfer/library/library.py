@@ -12,6 +12,7 @@ from ..geometry.multipatch import MultiPatch
 from ..interior.solver import CONTINUITY
 from ..pipeline.options import TransferOptions, options_of
 from ..progress import Progress
+from ..registration.expected import POOR
 from .choice import LibraryResult
 from .entries import entries_in, names_and_models
 from .index import Index, default_folder
@@ -21,9 +22,9 @@ from .search import Search
 
 __all__ = ["Library"]
 
-#: Candidates that are registered. Registration costs 0.2 to 0.4 s, a signature 10 ms and its comparison nothing: with
-#: 8 of 40 models the best three by registration are as good as those of all.
-KEEP = 8
+#: Candidates that are registered. Registration costs 0.1 to 0.3 s, a signature 10 ms and its comparison nothing: with
+#: 12 of 40 models the best three by registration are as good as those of all, with 8 they are not.
+KEEP = 12
 #: Transfers: after registration one costs a fraction of it, and the best of three is nearly the best of all.
 TRIES = 3
 
@@ -152,7 +153,7 @@ class Library:
         Parameters
         ----------
         target : Boundary
-        keep : int, default 8
+        keep : int, default 12
             Candidates that are registered, the nearest ones by signature.
         progress : callable, optional
             As in `transfer`.
@@ -193,10 +194,11 @@ class Library:
         target : Boundary
         tries : int, default 3
             Models that are transferred, the best ones by registration; more of them while none is certified.
-        keep : int, default 8
+        keep : int, default 12
             As in `rank`.
         parameterize : bool, default True
-            Where no model gives a certified map, make a layout of the target's own (`parameterize`).
+            Where no model gives a certified map with a scaled Jacobian of at least 0.1, try a layout of the target's
+            own (`parameterize`), too.
         progress : callable, optional
             As in `transfer`.
         **options
@@ -221,7 +223,7 @@ class Library:
         if not search.begun and not parameterize and search.none_of_these_loops():
             raise InfeasibleTargetError(search.no_candidate())
         search.transfer(tries)
-        if not search.succeeded and parameterize:
+        if parameterize and search.least < POOR:
             search.parameterize()
         result = search.result()
         failure = result.failure if options_of(options).on_failure == "raise" else None
