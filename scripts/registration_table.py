@@ -39,10 +39,10 @@ near to the true ones as before, not nearer.
 A bend by a large angle is far from rigid: one side of the model is stretched by half, the other compressed. The last
 slide asks for a smooth map between the boundaries and so finds it (yeti bent by 60 degrees across its length, not a
 case below: 0.006 to 0.009 off; by inner distances alone 0.02 to 0.03). A disc has no start of its own: its bends and
-turned halves also rotate it, which nobody can see, so its row is the rotation. The margin to the runner-up says so: it is near 0
-where another correspondence fits as well. A frame that a stretch makes as wide as it was high fits turned by a
-quarter: the one large error of its family. Sides of squares have no features: a swirl moves them along themselves, and
-only how they turn tells.
+turned halves also rotate it, which nobody can see, so its row is the rotation. The margin to the runner-up says so: it
+is near 0 where another correspondence fits as well. A frame that a stretch makes as wide as it was high fits turned by
+a quarter: the one large error of its family. Sides of squares have no features: a swirl moves them along themselves,
+and only how they turn tells.
 """
 #: Landmarks, parameters, joints.
 CHOICES = [

@@ -56,7 +56,7 @@ def test_without_output_it_ranks(place):
 @pytest.mark.parametrize(
     ("options", "status", "message"),
     [
-        (["--plot", "p.png"], 2, "name it with -o"),
+        (["--plot", "p.png"], 2, "name that with -o"),
         (["--cache", "models/bar.xml"], 2, "cannot be made"),
         (["-o", "models/bar.xml"], 2, "would replace the input"),
         (["--fit-tolerance", 3], 2, "fit_tolerance must lie between"),

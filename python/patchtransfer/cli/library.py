@@ -10,7 +10,15 @@ import click
 
 from ..progress import Clock
 from .delivery import deliver, draw_patches, leave
-from .options import chosen, continuity_option, json_option, outline_options, transfer_options, verbose_option
+from .options import (
+    chosen,
+    continuity_option,
+    html_option,
+    json_option,
+    outline_options,
+    transfer_options,
+    verbose_option,
+)
 from .streams import say, warn
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, set_threads
 from .watch import watched
@@ -42,6 +50,7 @@ __all__ = ["library"]
 @transfer_options
 @outline_options
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
+@html_option
 @json_option
 @verbose_option
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
@@ -57,6 +66,7 @@ def library(
     no_cache: bool,
     continuity: str,
     plot_path: str | None,
+    html_path: str | None,
     json_path: str | None,
     verbose: bool,
     threads: int | None,
@@ -79,11 +89,12 @@ def library(
         raise click.UsageError("--cache and --no-cache exclude each other")
     report = Report(json_path)
     with failures(report):
-        check_outputs(model=output, picture=plot_path, report=json_path)
-        if output is None and plot_path is not None:
-            raise InputError(f"{plot_path}: a picture is of the model that is written; name it with -o OUT.xml")
+        check_outputs(model=output, picture=plot_path, page=html_path, report=json_path)
+        shown = plot_path or html_path
+        if output is None and shown is not None:
+            raise InputError(f"{shown}: it shows the model that is written; name that with -o OUT.xml")
         inputs = [target, *(Path(folder).iterdir() if Path(folder).is_dir() else ())]
-        keep_inputs(inputs, [output, plot_path, json_path])
+        keep_inputs(inputs, [output, plot_path, html_path, json_path])
         set_threads(threads)
         wanted = chosen(options)
         with watched(verbose) as progress:
@@ -122,5 +133,5 @@ def library(
         assert found.result is not None
         more = {"library": found.to_dict()["library"]}
         pictures = [(plot_path, partial(draw_patches, found.result))]
-        deliver(found.result, output, report, pictures, boundary, verbose, more)
+        deliver(found.result, output, report, pictures, html_path, boundary, verbose, more)
     leave(found.result)
