@@ -124,7 +124,8 @@ def plan(folder: str, name: str) -> pt.TransferPlan:
 
 
 def least(result: pt.TransferResult | None) -> float:
-    if result is None or not result.succeeded:
+    # Of a degenerate map it is 0, in the corner that the proof leaves out.
+    if result is None or not result.succeeded or result.certificate.status != "certified":
         return 0.0
     return max(result.quality.proved.min_scaled_jacobian.lower, 0.0)
 
@@ -164,7 +165,7 @@ def pair(folder: str, target: pt.Boundary, candidate: pt.Ranked) -> Pair:
     """Of a candidate; transferred unless the library has done it or there is no hope."""
     before = (candidate.distance, candidate.score, candidate.confidence, candidate.expected)
     if candidate.stage in ("transfer", "chosen"):
-        good = candidate.reason is None or candidate.stage == "chosen"
+        good = candidate.status == "certified" and (candidate.reason is None or candidate.stage == "chosen")
         proved = candidate.min_scaled_jacobian
         return Pair(*before, max(proved.lower, 0.0) if good and proved else 0.0)
     of = plan(folder, candidate.name)

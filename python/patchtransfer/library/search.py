@@ -20,8 +20,6 @@ from .ranked import STAGES, Ranked
 
 __all__ = ["Search"]
 
-#: Part of a transfer's work for each of several: of 240 certified maps none needed more than a tenth of it.
-SHARE = 0.25
 #: Candidates that are tried for every one that is to be registered, at most: some cannot be.
 LOOKS = 2
 
@@ -118,7 +116,6 @@ class Search:
         begun, seconds = self.begun[name]
         run = Run.of(self._options, begun.owner._interior.step_cost, self._progress, begun.owner.continuity)
         run.clock.seconds.update(seconds)
-        run = run.part(SHARE)
         try:
             self._tried(name, begun.owner._ended(begun, run))
         except TransferError as error:
