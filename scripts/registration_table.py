@@ -39,10 +39,10 @@ near to the true ones as before, not nearer.
 A bend by a large angle is far from rigid: one side of the model is stretched by half, the other compressed. The last
 slide asks for a smooth map between the boundaries and so finds it (yeti bent by 60 degrees across its length, not a
 case below: 0.006 to 0.009 off; by inner distances alone 0.02 to 0.03). A disc has no start of its own: its bends and
-turned halves also rotate it, which nobody can see, so its row is the rotation. The confidence says so: it is near 0
-where another correspondence fits as well. A frame that a stretch makes as wide as it was high fits turned by a
-quarter: the one large error of its family. Sides of squares have no features: a swirl moves them along themselves, and
-only how they turn tells.
+turned halves also rotate it, which nobody can see, so its row is the rotation. The margin to the runner-up says so: it
+is near 0 where another correspondence fits as well. A frame that a stretch makes as wide as it was high fits turned by
+a quarter: the one large error of its family. Sides of squares have no features: a swirl moves them along themselves,
+and only how they turn tells.
 """
 #: Landmarks, parameters, joints.
 CHOICES = [
@@ -65,7 +65,7 @@ class Row:
         self.boundary: dict[Choice, list[float]] = defaultdict(list)
         self.jacobian: dict[Choice, list[float]] = defaultdict(list)
         self.certified: dict[Choice, list[bool]] = defaultdict(list)
-        self.confidence: list[float] = []
+        self.margin: list[float] = []
 
 
 def measure(case: Case, plan: TransferPlan, rows: list[Row]) -> None:
@@ -76,7 +76,7 @@ def measure(case: Case, plan: TransferPlan, rows: list[Row]) -> None:
         for row in rows:
             row.errors[landmarks].append(correspondence_error(case, registration.joints))
             if landmarks == "none":
-                row.confidence.append(registration.confidence)
+                row.margin.append(registration.margin)
         for choice in CHOICES:
             if choice[0] == landmarks:
                 transfer_with(case, plan, registration, choice, rows)
@@ -115,14 +115,14 @@ def transfer_with(case: Case, plan: TransferPlan, registration: Registration, ch
 def correspondence_table(rows: dict[str, Row], first: str) -> list[str]:
     """Markdown: mean and largest correspondence error."""
     lines = [
-        f"| {first} | cases | no landmarks: mean | largest | confidence | slid: mean | largest | all joints: mean | "
+        f"| {first} | cases | no landmarks: mean | largest | margin | slid: mean | largest | all joints: mean | "
         "largest |",
         "|---" * 9 + "|",
     ]
     for name, row in rows.items():
         none, slid, every = row.errors["none"], row.errors["slid"], row.errors["all joints"]
         lines.append(
-            f"| {name} | {len(none)} | {np.mean(none):.4f} | {max(none):.4f} | {np.mean(row.confidence):.2f} | "
+            f"| {name} | {len(none)} | {np.mean(none):.4f} | {max(none):.4f} | {np.mean(row.margin):.2f} | "
             f"{np.mean(slid):.4f} | {max(slid):.4f} | {np.mean(every):.1e} | {max(every):.1e} |"
         )
     return lines

@@ -64,7 +64,10 @@ class Outcome:
 @cache
 def source_named(name: str) -> pt.MultiPatch:
     folder = os.environ.get("PATCHTRANSFER_MODELS")
-    return pt.read(Path(folder) / f"{name}.xml") if folder and name in FILES else examples.load(name)[0]
+    if folder and name in FILES:
+        return pt.read(Path(folder) / f"{name}.xml")
+    # Other benches name files by their paths.
+    return pt.read(Path(folder) / name) if folder and "." in name else examples.load(name)[0]
 
 
 def source_names() -> list[str]:

@@ -30,6 +30,10 @@ from .io import read_boundary as read_boundary
 from .io import read_landmarks as read_landmarks
 from .io import write as write
 from .io import write_landmarks as write_landmarks
+from .library.choice import LibraryResult as LibraryResult
+from .library.choice import NoModelFitsError as NoModelFitsError
+from .library.library import Library as Library
+from .library.ranked import Ranked as Ranked
 from .measure.bounds import Bounds as Bounds
 from .measure.bounds import ProvedQuality as ProvedQuality
 from .measure.continuity import ContinuityReport as ContinuityReport

@@ -10,7 +10,8 @@ from contextlib import contextmanager
 __all__ = ["FIRST", "Budget", "Clock", "Progress", "Stage", "StopReason", "reporter"]
 
 #: Called with (stage, step, energy, smallest scaled determinant): before every Newton step, and with step 0 and NaN
-#: when a stage begins. Where it has a method ``ended(stage, seconds, found)``, that is called when the stage ends.
+#: when a stage begins. Where it has a method ``ended(stage, seconds, found)``, that is called when the stage ends;
+#: where it has a method ``warned(text)``, that is called as soon as something speaks against the work that begins.
 Progress = Callable[[str, int, float, float], None]
 
 #: Work of a search that has no alternative: 8 to 10 s on one core of a present machine, at 0.13 to 0.17 µs a node. The

@@ -84,7 +84,8 @@ UNUSED = {
     "PIL",
 }
 #: Rooms and formats of the package that it does not enter.
-UNENTERED = ("batch", "iga", "mesh", "motion", "paper", "plot", "sources", "io.dxf", "io.mask", "io.npz", "io.vtu")
+ROOMS = ("batch", "iga", "library", "mesh", "motion", "paper", "plot", "sources")
+UNENTERED = (*ROOMS, "io.dxf", "io.mask", "io.npz", "io.vtu")
 
 
 @pytest.mark.parametrize("options", [[], ["--continuity", "c0"], ["-v", "--json", "-"]])

@@ -36,6 +36,8 @@ def shown() -> dict[str, list[object]]:
     crossing = pt.BSplineCurve([0, 0, 1, 2, 3, 4, 4], 1, [[0, 0], [2, 2], [2, 0], [0, 2], [0, 0]])
     corner = pt.QuadLayout([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2, 3]])
     many = pt.Boundary([[circle()]] * 300)
+    shelf = pt.Library({"a long name of a model " * 20: mp})
+    chosen = shelf.transfer(mp.boundary())
     return {
         "Block": [pt.Block("G+Smo XML", "Function", "x" * 500)],
         "Bounds": [pt.Bounds(-1e-300, 1.25, (99, 1 / 3, 2 / 3)), result.quality.proved.max_condition_number],
@@ -63,6 +65,8 @@ def shown() -> dict[str, list[object]]:
         "iga.Univariate": [space.bases[0][0]],
         "Interface": list(mp.interfaces),
         "Morph": [morph, *morph.frames],
+        "Library": [shelf],
+        "LibraryResult": [chosen],
         "LowerBounds": [result.dilatation.least],
         "MultiPatch": [mp, mp.topology, mp.vertices[0], mp.loops[0][0]],
         "PaperOptions": [pt.PaperOptions(), pt.PaperOptions("dirichlet", literal_rows=True, boundary_weight=1.0)],
@@ -72,6 +76,7 @@ def shown() -> dict[str, list[object]]:
         "Quality": [result.quality, result.quality.scaled_jacobian],
         "QuadLayout": [corner, pt.QuadLayout.abstract([[0, 1, 2, 3]])],
         "Similarity": [result.dilatation],
+        "Ranked": list(chosen.candidates),
         "Side": list(pt.Side),
         "TransferPlan": [pt.TransferPlan(mp)],
         "TransferResult": [result, result.registration, result.rows],

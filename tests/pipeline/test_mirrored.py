@@ -19,8 +19,8 @@ from patchtransfer import InfeasibleTargetError, InputError, NotCertifiedError, 
 from patchtransfer.geometry.blocks import Block
 from patchtransfer.pipeline import source_boundary
 from patchtransfer.pipeline.mirrored import Reflection
-from patchtransfer.registration.register import _outlines as _turned
 from patchtransfer.registration.register import register
+from patchtransfer.registration.register import target_outlines as _turned
 
 # Last: modules of other names lie in tests/support.
 sys.path.append(str(Path(__file__).parents[2] / "scripts"))

@@ -161,16 +161,16 @@ def test_holes_tell_how_a_symmetric_outline_is_turned(name, angle):
         s = np.linspace(0, r.source.length, 50, endpoint=False)
         error = np.linalg.norm(r.target.point(r.to_target(s)) - move(r.source.point(s)), axis=1)
         assert error.max() < 1e-3 * target.diameter
-        assert r.confidence > 0.3
+        assert r.margin > 0.3
 
 
 def test_a_ring_has_no_start():
-    """Circle in a circle: any turn fits; the least is taken, and the confidence of the outer loop says so."""
+    """Circle in a circle: any turn fits; the least is taken, and the margin of the outer loop says so."""
     source = [[ellipse((0, 0), (1, 1))], [ellipse((0, 0), (0.5, 0.5), True)]]
     registration = register(source, Boundary([loop[::-1] for loop in source]))
     for a, b in registration.joints:
         np.testing.assert_allclose(b, a, atol=1e-3)
-    assert registration.confidence < 0.05
+    assert registration.margin < 0.05
 
 
 def across(mp, degrees, direction):

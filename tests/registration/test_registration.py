@@ -111,7 +111,7 @@ def test_symmetric_outlines_take_the_smallest_rotation_and_say_so():
     registration = register([polygon(SQUARE)], loop(np.roll(SQUARE, 2, axis=0) * 2.0))
     for a, b in registration.joints:
         np.testing.assert_allclose(b, 2 * a, atol=1e-9)
-    assert registration.confidence < 0.05
+    assert registration.margin < 0.05
     assert "ambiguous" in registration.warnings[0]
 
 

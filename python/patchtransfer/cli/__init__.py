@@ -17,6 +17,7 @@ from .compare import compare
 from .convert import convert
 from .examples import examples
 from .inspect import check, plot, refine
+from .library import library
 from .morph import morph
 from .parameterize import parameterize
 from .poisson import poisson
@@ -37,6 +38,7 @@ def main() -> None:
 COMMANDS = (
     parameterize,
     transfer,
+    library,
     build,
     refine,
     convert,

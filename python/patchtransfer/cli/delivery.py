@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -32,15 +32,16 @@ def deliver(
     html_path: str | None,
     outline: Boundary,
     verbose: bool = False,
+    more: Mapping[str, Any] | None = None,
 ) -> None:
     """Write pictures (path, or None for none, and what draws there), model and report, all or none of them.
 
-    The report has the outline's notes besides, and so has the page.
+    The report has the outline's notes besides, and `more`; the page has the notes.
     """
     from .. import io
     from ..pipeline.result import failure_of
 
-    content = result.to_dict() | {"notes": list(outline.notes)}
+    content = result.to_dict() | {"notes": list(outline.notes)} | dict(more or {})
     pictures = [*pictures, (html_path, partial(_write_page, result, command_line(), outline.notes))]
     error = failure_of(result)
     if error is not None:
@@ -65,9 +66,9 @@ def _write_page(result: TransferResult, command: str | None, notes: Sequence[str
     write_atomic(Path(path), transfer_page(result, command, notes))
 
 
-def leave(result: TransferResult) -> NoReturn:
-    """End with the result's warnings and status."""
-    warn(result.warnings)
+def leave(result: TransferResult, shown: Collection[str] = ()) -> NoReturn:
+    """End with the result's warnings, but for those that were shown before, and its status."""
+    warn(text for text in result.warnings if text not in shown)
     sys.exit(0 if result.succeeded else NOT_CERTIFIED)
 
 

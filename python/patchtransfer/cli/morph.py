@@ -85,7 +85,7 @@ def morph(
                     frames,
                     way=way,
                     on_failure="return" if keep_uncertified else "raise",
-                    progress=None if progress is None else partial(progress, "frames"),
+                    progress=partial(progress, "frames"),
                 )
                 stage.found = _found(result)
             with clock("writing") as stage:

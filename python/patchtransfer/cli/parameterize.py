@@ -82,7 +82,7 @@ def parameterize(
         keep_inputs([outline], [output, plot_path, html_path, json_path])
         set_threads(threads)
         with watched(verbose, _stage) as progress:
-            with Clock(ended=progress and progress.ended)("reading") as stage:
+            with Clock(ended=progress.ended)("reading") as stage:
                 boundary = io.read_boundary(outline, clean=clean, smooth=smooth, layers=layers)
                 stage.found = repr(boundary)
             result = run(

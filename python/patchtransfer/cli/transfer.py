@@ -96,7 +96,7 @@ def transfer(
             (write_landmarks, partial(_write_landmarks, result)),
         ]
         deliver(result, output, report, pictures, html_path, boundary, verbose)
-    leave(result)
+    leave(result, progress.warnings)
 
 
 def _write_landmarks(result: TransferResult, path: str) -> None:

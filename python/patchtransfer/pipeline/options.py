@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass, fields, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Self, TypedDict, cast
@@ -173,6 +174,13 @@ class Run:
         """For options as keyword arguments, and a plan of this continuity on which a Newton step costs `step_cost`."""
         options = options_of(given).decided(continuity)
         return cls(options, Clock(progress), Budget.of_source(step_cost, options.time_limit).part(TRANSFER), progress)
+
+    def warn(self, texts: Iterable[str]) -> None:
+        """Tell whom it tells, if they listen, what speaks against the work that begins."""
+        warned = getattr(self.progress, "warned", None)
+        if warned is not None:
+            for text in texts:
+                warned(text)
 
     def part(self, share: float) -> Run:
         """The run with a share of the work."""

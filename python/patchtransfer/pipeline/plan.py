@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 from numpy.typing import ArrayLike
@@ -21,6 +21,7 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..gradients.frozen import Frozen
 from ..interior.solver import InteriorSolver
+from ..measure.quality import quality
 from ..progress import FIRST, Progress
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from ..registration.register import Registration
@@ -90,7 +91,7 @@ class TransferPlan:
         self.source = source = self._welded if self._notes else source
         self.continuity, self.ratios, self.reference = continuity, ratios, reference
         topology = source.topology
-        self._boundary = SourceBoundary(self._welded.boundary().loops, topology)
+        self._boundary = SourceBoundary(self._welded.boundary().loops, topology, partial(quality, source))
         self._interior = InteriorSolver(source, continuity, reference, ratios)
         self.split: SourceSplit | None = None
         self._unsplit: Unsplit | None = None
@@ -108,8 +109,23 @@ class TransferPlan:
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
         run = Run.of(options, self._interior.step_cost, progress, self.continuity)
+        begun = self._begun(target, landmarks, run)
+        return begun.owner._ended(begun, run)
+
+    def register(
+        self, target: Boundary, landmarks: ArrayLike | None = None, **options: Unpack[TransferOptions]
+    ) -> Registration:
+        """Look before the work: which boundary points correspond, how sure that is, and what to expect of a map.
+
+        Parameters are those of `transfer`; nothing is transferred. See `Registration` for what it has: ``confidence``,
+        ``expected``, ``mismatch``, ``warnings``, ``landmarks`` to correct and hand back.
+        """
+        return self._begun(target, landmarks, Run.of(options, self._interior.step_cost)).registered.registration
+
+    def _begun(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> Begun:
+        """A transfer as far as its correspondence, for `_ended` of its owner: many are looked at before one goes on."""
         if run.options.ratios not in (None, self.ratios):
-            return self._of_other_ratios.transfer(target, landmarks, progress=progress, **options)
+            return self._of_other_ratios._begun(target, landmarks, run)
         try:
             plan, registered = self._faced(target, landmarks, run)
         except InfeasibleTargetError as error:
@@ -117,6 +133,11 @@ class TransferPlan:
             if "registration" in run.clock.seconds and self._looks_mirrored(target, landmarks, None, run):
                 error.args = (f"{error}; {MIRROR_IMAGE}", *error.args[1:])
             raise
+        return Begun(self, plan, registered, target, landmarks)
+
+    def _ended(self, begun: Begun, run: Run) -> TransferResult:
+        """The result of a transfer with its correspondence."""
+        _, plan, registered, target, landmarks = begun
         given = landmarks if plan is self else mirrored_rows(landmarks)
         if run.options.split == "auto":
             result = split_or_whole(plan, registered, given, run)
@@ -459,3 +480,16 @@ class Unsplit(NamedTuple):
 
     plan: TransferPlan
     division: Division
+
+
+class Begun(NamedTuple):
+    """A transfer with its correspondence: the plan that it was asked of, and that which it is of.
+
+    The latter is another one for a source's mirror image.
+    """
+
+    owner: TransferPlan
+    plan: TransferPlan
+    registered: Registered
+    target: Boundary
+    landmarks: ArrayLike | None

@@ -213,6 +213,9 @@ class TransferResult:
             "registration": {
                 "joints": [{"source": a.tolist(), "target": b.tolist()} for a, b in self.registration.joints],
                 "confidence": self.registration.confidence,
+                "margin": self.registration.margin,
+                "mismatch": self.registration.mismatch._asdict(),
+                "expected": self.registration.expected and self.registration.expected.to_dict(),
                 "landmarks": self.registration.landmarks.tolist(),
                 "missed_corners": [corner.to_dict() for corner in self.registration.missed_corners],
                 "missed_tabs": [tab.to_dict() for tab in self.registration.missed_tabs],

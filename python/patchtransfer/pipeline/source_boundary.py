@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -18,6 +18,7 @@ from ..geometry.curve import BSplineCurve
 from ..geometry.outline import Outline
 from ..geometry.sides import CORNERS
 from ..geometry.topology import Topology
+from ..measure.quality import Quality
 from ..numeric.arrays import FloatArray, among
 from ..proof.certificate import BoundaryReport, check_boundary
 from ..proof.feasibility import Corner, check_corners, check_loops, check_report, check_target_corners
@@ -50,10 +51,17 @@ class SourceBoundary:
         Of the source with shared points.
     topology : Topology
         Of the source.
+    quality : callable, optional
+        Returns the source's quality, for what is expected of its maps.
     """
 
-    def __init__(self, loops: Sequence[Sequence[BSplineCurve]], topology: Topology) -> None:
-        self.loops = loops
+    def __init__(
+        self,
+        loops: Sequence[Sequence[BSplineCurve]],
+        topology: Topology,
+        quality: Callable[[], Quality] | None = None,
+    ) -> None:
+        self.loops, self._quality = loops, quality
         self._topology = topology
         self.outlines = [Outline(loop) for loop in loops]
         valence = {vertex.point: vertex.valence for vertex in topology.vertices}
@@ -70,6 +78,14 @@ class SourceBoundary:
     def _sampled(self) -> BoundaryShape:
         """What matching by shape needs of the source, whatever the target."""
         return BoundaryShape.sample(self.outlines)
+
+    @cached_property
+    def _scaled_jacobian(self) -> tuple[float, float] | None:
+        """Mean and least scaled Jacobian of the source, if anyone knows."""
+        if self._quality is None:
+            return None
+        found = self._quality().scaled_jacobian
+        return found.mean, found.min
 
     def register(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> Registered:
         """Correspondence of the boundaries, on a target that allows an injective map."""
@@ -97,8 +113,13 @@ class SourceBoundary:
                         'correspondence="runner-up": there is none, landmarks decide or no other one fits; leave it out'
                     )
                 registration = register(self.outlines, target, second.landmarks, single_patch=self.single, snap=snap)
+            registration = replace(registration, _source_quality=self._scaled_jacobian)
             joints = sum(len(loop.joints) - 1 for loop in registration.loops)
             stage.found = f"{joints} joints, confidence {registration.confidence:.2f}"
+            if registration.by_shape and self._quality is not None:
+                stage.found += f", {registration.expected}"
+            doubts = registration.doubts
+            run.warn(doubts)
         with run.clock("feasibility"):
             images = [loop.joints[:-1] for loop in registration.loops]
             check_target_corners(
@@ -107,7 +128,7 @@ class SourceBoundary:
                 self.single,
                 SMOOTH_ANGLE,
             )
-        registration = replace(registration, warnings=(*registration.warnings, *notes))
+        registration = replace(registration, warnings=(*doubts, *registration.warnings, *notes))
         return Registered(registration, notes[0] if notes else None)
 
     def registered(self, registration: Registration) -> Registration:

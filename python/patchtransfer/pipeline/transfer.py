@@ -77,7 +77,7 @@ def transfer(
         distortion (see `slide_joints`); True keeps all. Default False, but True with method "paper".
     correspondence : {"best", "runner-up"}, default "best"
         Which of the correspondences found without landmarks to take: where two fit nearly as well (a low
-        ``registration.confidence``), the other one may be what is wanted.
+        ``registration.margin``), the other one may be what is wanted.
     on_failure : {"raise", "return"}, default "raise"
         What to do when no certified map is found, or one that misses the target by more than five times
         `fit_tolerance`: raise `NotCertifiedError` or its subclass `BoundaryMissedError` (the best map is its

@@ -22,19 +22,22 @@ from ..geometry.outline import Outline
 from ..limits import MAX_CORNERS, at_most
 from ..numeric.arrays import FloatArray, distinct
 from ..numeric.dense import svd
+from .confidence import DOUBTFUL, confidence, doubt
 from .corners import close_turn, corners_between, snap_corners
+from .expected import Expected, expected
 from .free_joints import joints_to_corners
 from .landmarks import landmark_anchors, pair_by_landmarks, place_landmarks, read_landmark_rows
 from .matches import HOPE, HOPELESS, Match, WholeMatch, match_outer, rank_with_holes, smooth
+from .mismatch import Matched, Mismatch, mismatch
 from .missed_corners import MissedCorner, missed_corners, missed_warnings
 from .missed_tabs import MissedTab, missed_tabs, tab_text
 from .sampled_boundary import BoundaryShape, cyclic_gap, image_of
 
-__all__ = ["LoopRegistration", "Registration", "RunnerUp", "register"]
+__all__ = ["LoopRegistration", "Registration", "RunnerUp", "register", "target_outlines"]
 
 #: Curves shorter than this part of the diameter have no length.
 SHORTEST = 1e-9
-#: Below this confidence a warning asks for landmarks.
+#: Below this margin a warning says that another correspondence fits nearly as well.
 AMBIGUOUS = 0.05
 #: Places, or lengths, that differ by less than this part of a loop are one.
 SAME_PLACE = 1e-6
@@ -77,7 +80,7 @@ class LoopRegistration:
     anchors : (m + 1, 2) array
         Arc lengths (source, target) of corresponding points, both increasing; the last row is the first one a
         full turn later. In between correspondence is linear in arc length.
-    confidence : float
+    margin : float
         1 with landmarks; otherwise how much better the shapes fit than in the runner-up, from 0 (as well) to 1.
     features : (r, 2) array
         Arc lengths of landmarks given and corners matched.
@@ -89,7 +92,7 @@ class LoopRegistration:
     source: Outline
     target: Outline
     anchors: FloatArray
-    confidence: float
+    margin: float
     features: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     score: float = 0.0
     runner_up: RunnerUp | None = None
@@ -125,6 +128,9 @@ class Registration:
         `landmarks`, `pairs` and `runner_up` give are the source's own.
     missed_tabs : tuple of MissedTab
         Tabs and notches of the target, without corners, where the source's boundary is straight.
+    confidence : float
+        The probability that the correspondence is right, up to symmetries of the source; 1 with landmarks on all loops.
+        Calibrated, see ``docs/stages/registration.md``.
     """
 
     loops: tuple[LoopRegistration, ...]
@@ -132,6 +138,13 @@ class Registration:
     missed_corners: tuple[MissedCorner, ...] = ()
     mirrored: bool = False
     missed_tabs: tuple[MissedTab, ...] = ()
+    confidence: float = 1.0
+    # As they were found to correspond: joints may slide later, and what is expected is expected before.
+    _found: tuple[Matched, ...] = field(default=(), repr=False)
+    #: Of correspondences found by shape; of others it is worked out when somebody asks.
+    _mismatch: Mismatch | None = field(default=None, repr=False)
+    #: Mean and least scaled Jacobian of the source, from the plan that knows it.
+    _source_quality: tuple[float, float] | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         return f"<Registration: {len(self.loops)} loops, confidence {self.confidence:.2f}>"
@@ -152,9 +165,33 @@ class Registration:
         return np.concatenate([0.0 - rows[:, :1], rows[:, 1:]], axis=1) if self.mirrored else rows
 
     @property
-    def confidence(self) -> float:
-        """Lowest confidence of the loops."""
-        return min(loop.confidence for loop in self.loops)
+    def mismatch(self) -> Mismatch:
+        """How far from similar the boundaries are, as they were found to correspond."""
+        return self._mismatch or mismatch(self._found)
+
+    @property
+    def expected(self) -> Expected | None:
+        """What scaled Jacobian to expect of a map with this correspondence; None without a plan's source."""
+        return self._source_quality and expected(self.mismatch, *self._source_quality)
+
+    @property
+    def doubts(self) -> list[str]:
+        """What speaks against the work that begins; what landmarks say is not doubted."""
+        if not self.by_shape:
+            return []
+        unsure = doubt(self.confidence) if self.confidence < DOUBTFUL else None
+        poor = self.expected and self.expected.doubt
+        return [text for text in (unsure, poor) if text]
+
+    @property
+    def by_shape(self) -> bool:
+        """Whether some loop has no landmarks."""
+        return self._mismatch is not None
+
+    @property
+    def margin(self) -> float:
+        """How much better the shapes fit than in the runner-up: that of the loop where it is least."""
+        return min(loop.margin for loop in self.loops)
 
     @property
     def landmarks(self) -> FloatArray:
@@ -173,7 +210,7 @@ class Registration:
     def runner_up(self) -> RunnerUp | None:
         """Second best correspondence of the loop that is least sure, if there is one."""
         found = [loop for loop in self.loops if loop.runner_up is not None]
-        second = min(found, key=lambda loop: loop.confidence).runner_up if found else None
+        second = min(found, key=lambda loop: loop.margin).runner_up if found else None
         return second and replace(second, landmarks=self._own(second.landmarks))
 
 
@@ -222,7 +259,7 @@ def register(
     """
     source_loops = [loop if isinstance(loop, Outline) else Outline(loop) for loop in source]
     _check_sense(source_loops)
-    target_loops = _outlines(target)
+    target_loops = target_outlines(target)
     if len(source_loops) != len(target_loops):
         raise InfeasibleTargetError(
             f"the source has {len(source_loops) - 1} holes and the target {len(target_loops) - 1}: "
@@ -240,10 +277,11 @@ def register(
     missed: list[MissedCorner] = []
     tabs: list[MissedTab] = []
     for k, loop in enumerate(loops):
-        if loop.confidence < AMBIGUOUS:
+        if loop.margin < AMBIGUOUS:
             warnings.append(
-                f"boundary loop {k}: the correspondence found without landmarks is ambiguous (confidence "
-                f"{loop.confidence:.2f}); give landmarks"
+                f"boundary loop {k}: the correspondence found without landmarks is ambiguous, another one fits nearly "
+                "as well; if it matters which, give landmarks, or take the other one: --correspondence runner-up "
+                "(correspondence='runner-up')"
             )
         of_loop = missed_corners(loop.source, loop.target, loop.anchors, k, target_loops[0].diameter)
         warnings += missed_warnings(of_loop)
@@ -251,7 +289,20 @@ def register(
         tabs += missed_tabs(loop.source, loop.target, loop.anchors, k, {corner.side for corner in of_loop})
     if tabs:
         warnings.append(tab_text(tabs))
-    return Registration(tuple(loops), tuple(warnings), tuple(missed), missed_tabs=tuple(tabs))
+    found = tuple((loop.source, loop.target, loop.anchors) for loop in loops)
+    measured, sure = None, 1.0
+    if len(given) < len(loops):
+        measured = mismatch(found)
+        sure = confidence(measured, min(loop.margin for loop in loops), len(loops[0].features))
+    return Registration(
+        tuple(loops),
+        tuple(warnings),
+        tuple(missed),
+        missed_tabs=tuple(tabs),
+        confidence=sure,
+        _found=found,
+        _mismatch=measured,
+    )
 
 
 def _correspondences(
@@ -284,8 +335,8 @@ def _correspondences(
             if second is None
             else RunnerUp(second.score, _landmark_rows(outline, other, second.anchors, second.corners))
         )
-        confidence = 1.0 if k in given else _confidence(best, second)
-        loops.append(LoopRegistration(outline, other, anchors, confidence, best.corners, best.score, runner_up))
+        margin = 1.0 if k in given else _margin(best, second)
+        loops.append(LoopRegistration(outline, other, anchors, margin, best.corners, best.score, runner_up))
     return loops, warnings
 
 
@@ -332,7 +383,7 @@ def _match_shapes(
     return dict(enumerate(best.partners)), matches, warnings
 
 
-def _confidence(best: Match, second: Match | None) -> float:
+def _margin(best: Match, second: Match | None) -> float:
     """How much better the best matching is than the second, from 0 to 1."""
     # Candidates that are not worked out are at least this bad.
     other = HOPELESS * best.score + HOPE if second is None else second.score
@@ -350,7 +401,7 @@ def _landmark_rows(source: Outline, target: Outline, anchors: FloatArray, featur
     return np.concatenate([source.point(pairs[:, 0]), target.point(pairs[:, 1])], axis=1)
 
 
-def _outlines(target: Boundary) -> list[Outline]:
+def target_outlines(target: Boundary) -> list[Outline]:
     """Outlines of the target, largest area first, turned so that the domain is on the left."""
     outlines = [Outline(loop) for loop in target.loops]
     _check_curves(target, outlines)
