@@ -34,7 +34,7 @@ def accepted(source: MultiPatch, continuity: str, ratios: str) -> tuple[MultiPat
         rational = [k for k, patch in enumerate(source.patches) if patch.weights is not None]
         raise InputError(
             f"patch {rational[0]} of the source is rational (NURBS); transfer needs polynomial B-splines: "
-            "approximate the source by B-splines first"
+            "convert it first: MultiPatch.to_polynomial, or --polynomial 1e-6 of `patchtransfer transfer` and `convert`"
         )
     if continuity == "g1":
         check_g1_space(source)
