@@ -24,7 +24,7 @@ from ..interior.solver import InteriorSolver
 from ..progress import FIRST, Progress
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from ..registration.register import Registration
-from .accepted import accepted
+from .accepted import accepted, check_polynomial
 from .divisions import Division, SourceSplit, cut, divided_again, with_corners_opened
 from .inside import attempt
 from .mirrored import MIRROR_IMAGE, POOR, Reflection, mirrored_rows, of_own_sides, reflected, told
@@ -73,8 +73,8 @@ class TransferPlan:
     Raises
     ------
     InputError
-        On a source that cannot be transferred: folded (naming the patch), rational, disconnected, or without the
-        freedom that "g1" needs.
+        On a source that cannot be transferred: folded (naming the patch), disconnected, or for "g1" rational or
+        without the freedom that it needs.
     """
 
     def __init__(
@@ -108,6 +108,8 @@ class TransferPlan:
     ) -> TransferResult:
         """Transfer to one target; parameters as in `patchtransfer.transfer`."""
         run = Run.of(options, self._interior.step_cost, progress, self.continuity)
+        if run.options.method == "paper":
+            check_polynomial(self.source, 'method="paper"')
         if run.options.ratios not in (None, self.ratios):
             return self._of_other_ratios.transfer(target, landmarks, progress=progress, **options)
         try:
