@@ -25,7 +25,9 @@ display.draw_with(
     lambda shown: import_module(".plot", __name__).html(shown),
     lambda shown: import_module(".web.report", __name__).transfer_page(shown),
 )
-exchange.find_with(lambda name: getattr(import_module(".interop", __name__), name))
+exchange.find_with(
+    lambda name: getattr(import_module(".conversion" if name == "to_polynomial" else ".interop", __name__), name)
+)
 blocks.renumber_with(lambda block, parts: import_module(".io.gismo.renumbering", __name__).renumbered(block, parts))
 origins.make_with(
     {

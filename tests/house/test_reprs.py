@@ -6,6 +6,7 @@ import types
 import numpy as np
 import pytest
 
+import conics
 import patchtransfer as pt
 from models import grid, o_grid
 from patchtransfer import batch, iga
@@ -50,6 +51,7 @@ def shown() -> dict[str, list[object]]:
         ],
         "Certificate": [result.certificate, result.certificate.boundary, bad, *bad.cells],
         "Conformed": [pt.conform(mp)],
+        "Converted": [pt.to_polynomial(conics.annulus(), 1e-3), pt.to_polynomial(mp)],
         "ContinuityReport": [result.continuity, result.continuity.kink_deg],
         "Deformer": [deformer],
         "DeformResult": [deformer.deform([[*x, *x]])],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from .options import polynomial_option
 from .streams import say
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs
 
@@ -13,7 +14,8 @@ __all__ = ["convert"]
 @click.command()
 @click.argument("file", metavar="IN", type=click.Path())
 @click.argument("output", metavar="OUT", type=click.Path())
-def convert(file: str, output: str) -> None:
+@polynomial_option("Make a rational (NURBS) model polynomial: its sides move by at most this part of the diameter.")
+def convert(file: str, output: str, polynomial: float | None) -> None:
     """Write the multi-patch or outline IN in the format that the extension of OUT names.
 
     The format of IN is told by its content. What the other format cannot hold is named in a warning.
@@ -24,5 +26,13 @@ def convert(file: str, output: str) -> None:
         check_outputs(model=output)
         keep_inputs([file], [output])
         with all_or_nothing(output):
-            written = io.convert(file, output)
-            say(f"{written!r} written to {output}")
+            if polynomial is None:
+                said = [f"{io.convert(file, output)!r} written to {output}"]
+            else:
+                from ..conversion import to_polynomial
+
+                made = to_polynomial(io.read(file), polynomial)
+                io.write(made.multipatch, output)
+                said = [*made.notes, str(made), f"{made.multipatch!r} written to {output}"]
+            for line in said:
+                say(line)

@@ -21,6 +21,7 @@ __all__ = [
     "json_option",
     "keep_uncertified_option",
     "outline_options",
+    "polynomial_option",
     "transfer_options",
     "verbose_option",
 ]
@@ -45,6 +46,11 @@ def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[
         show_default=True,
         help="Across patches.",
     )
+
+
+def polynomial_option(text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option that makes a rational model polynomial, with its help."""
+    return click.option("--polynomial", type=float, metavar="TOL", help=text)
 
 
 def outline_options(command: Callable[..., None]) -> Callable[..., None]:

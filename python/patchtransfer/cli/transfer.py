@@ -15,6 +15,7 @@ from .options import (
     html_option,
     json_option,
     outline_options,
+    polynomial_option,
     transfer_options,
     verbose_option,
 )
@@ -40,6 +41,9 @@ ROUNDING = 1e-6
 @continuity_option("c1")
 @transfer_options
 @outline_options
+@polynomial_option(
+    "Make a rational (NURBS) SOURCE polynomial first: its sides move by at most this part of the diameter."
+)
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
 @click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
 @click.option(
@@ -67,6 +71,7 @@ def transfer(
     layers: tuple[str, ...] | None,
     clean: bool,
     smooth: bool | None,
+    polynomial: float | None,
     **options: Any,
 ) -> None:
     """Transfer the parameterization SOURCE to the boundary TARGET.
@@ -89,7 +94,16 @@ def transfer(
                 model, boundary = io.read(source), io.read_boundary(target, clean=clean, smooth=smooth, layers=layers)
                 points = None if landmarks is None else io.read_landmarks(landmarks)
                 stage.found = f"{model!r}, {boundary!r}" + ("" if points is None else f", {len(points)} landmarks")
+            notes = []
+            if polynomial is not None and model.is_rational:
+                from ..conversion import to_polynomial
+
+                with Clock(progress)("conversion") as stage:
+                    made = to_polynomial(model, polynomial)
+                    model, notes = made.multipatch, [f"the source was {made}"]
+                    stage.found = str(made)
             result = run(model, boundary, points, continuity, progress=progress, **chosen(options).keywords())
+            result = result.with_warnings(notes)
         pictures = [
             (plot_path, partial(_draw_transfer, model, boundary, result)),
             (plot_registration, partial(_draw_registration, model, boundary, result)),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +23,8 @@ __all__ = ["ControlRows", "chord_ratios", "control_rows", "frames"]
 
 #: Parameters per knot span at which speeds across interfaces are compared.
 SAMPLES = 5
+#: Weights that differ by less than this part of themselves are the same but for rounding.
+SAME_WEIGHT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,7 @@ class ControlRows:
     left_scale, right_scale : float
         p/h of the patch on either side: its degree across over its first knot span, parameters mapped to [0, 1].
     lowest_degree : int
-        The smallest of the degrees along and across.
+        The smallest of the degrees along and across; 0 where weights allow no rows of three points, see `control_rows`.
     """
 
     curve: IntArray
@@ -145,12 +147,33 @@ def frames(left: FloatArray, right: FloatArray, tangent: FloatArray) -> FloatArr
 
 
 def control_rows(topology: Topology) -> tuple[ControlRows, ...]:
-    """The control rows of every interface, run with patch a on its left."""
+    """The control rows of every interface, run with patch a on its left.
+
+    A rational patch has D_L = p/h Σ R_j w_1j / w_0j (L_j - s_j), with weights w_0 on the interface and w_1 beside it.
+    Where those along are equal, R_j is polynomial, and where their ratio is the same for all j it is a factor of p/h.
+    Elsewhere there are no rows.
+    """
     bases = [tuple(zip(patch.knots, patch.degrees, strict=True)) for patch in topology.patches]
     return tuple(
-        ControlRows.of(f, topology.points, bases, directed.reversed)
+        _weighted(f, topology, ControlRows.of(f, topology.points, bases, directed.reversed))
         for f, directed in zip(topology.interfaces, topology.directed_interfaces, strict=True)
     )
+
+
+def _weighted(f: Interface, topology: Topology, rows: ControlRows) -> ControlRows:
+    """Control rows with what the patches' weights make of their scales."""
+    factors = [1.0, 1.0]
+    for i, (k, side) in enumerate(((f.patch_a, f.side_a), (f.patch_b, f.side_b))):
+        weights = topology.patches[k].weights
+        if weights is None:
+            continue
+        along, ratio = side.of(weights), side.of(weights, 1) / side.of(weights)
+        if max(np.ptp(along) / along.min(), np.ptp(ratio) / ratio.min()) > SAME_WEIGHT:
+            return replace(rows, lowest_degree=0)
+        factors[i] = float(ratio.mean())
+    if factors == [1.0, 1.0]:
+        return rows
+    return replace(rows, left_scale=factors[0] * rows.left_scale, right_scale=factors[1] * rows.right_scale)
 
 
 def chord_ratios(topology: Topology, rows: tuple[ControlRows, ...], points: FloatArray) -> FloatArray:

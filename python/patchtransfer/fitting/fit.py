@@ -31,7 +31,7 @@ from ..geometry.straight_corners import Triangles, straighten
 from ..numeric.arrays import FloatArray, IntArray, frozen_array
 from ..registration.register import LoopRegistration, Registration
 
-__all__ = ["FREE", "STIFF", "FittedBoundary", "FittedSide", "Stiffness", "fit_boundary", "sampled_basis"]
+__all__ = ["FREE", "STIFF", "FittedBoundary", "FittedSide", "Stiffness", "basis_key", "fit_boundary", "sampled_basis"]
 
 #: Samples per knot span and at least per side.
 SAMPLES_PER_SPAN, MIN_SAMPLES = 14, 24
@@ -274,11 +274,11 @@ class _Bases:
 
     def __init__(self) -> None:
         self.values: list[FloatArray] = []
-        self._known: dict[tuple[int, bytes], tuple[int, FloatArray]] = {}
+        self._known: dict[tuple[int, bytes, bytes | None], tuple[int, FloatArray]] = {}
 
     def of(self, curve: BSplineCurve) -> tuple[int, FloatArray]:
         """Index of the basis and the samples' parameters."""
-        key = (curve.degree, curve.knots.tobytes())
+        key = basis_key(curve)
         if key not in self._known:
             t, values = sampled_basis(*key)
             self._known[key] = len(self.values), t
@@ -286,14 +286,24 @@ class _Bases:
         return self._known[key]
 
 
+def basis_key(curve: BSplineCurve) -> tuple[int, bytes, bytes | None]:
+    """What tells a side's basis: degree, knots and weights."""
+    return curve.degree, curve.knots.tobytes(), None if curve.weights is None else curve.weights.tobytes()
+
+
 @lru_cache(maxsize=256)
-def sampled_basis(degree: int, knot_bytes: bytes) -> tuple[FloatArray, FloatArray]:
-    """Parameters of a side's samples, and its basis functions there, for knots as bytes."""
+def sampled_basis(degree: int, knot_bytes: bytes, weight_bytes: bytes | None) -> tuple[FloatArray, FloatArray]:
+    """Parameters of a side's samples, and its basis functions there, for knots (and weights, if any) as bytes."""
     knots = np.frombuffer(knot_bytes)
     breaks = knot_spans(knots)
     per_span = max(SAMPLES_PER_SPAN, -(-MIN_SAMPLES // (len(breaks) - 1)))
     t = np.interp(np.arange(per_span * (len(breaks) - 1) + 1) / per_span, np.arange(len(breaks)), breaks)
-    return t, collocation_matrix(knots, degree, t)
+    values = collocation_matrix(knots, degree, t)
+    if weight_bytes is not None:
+        # Weights stay: the rational basis functions are what control points are coefficients of.
+        values *= np.frombuffer(weight_bytes)
+        values /= values.sum(axis=1, keepdims=True)
+    return t, values
 
 
 class _SourceSides(NamedTuple):

@@ -19,7 +19,7 @@ from ..geometry.outline import Outline, hausdorff
 from ..numeric.arrays import FloatArray
 from ..numeric.dense import product, solve_definite
 from ..registration.register import Registration
-from .fit import FittedBoundary, FittedSide, sampled_basis
+from .fit import FittedBoundary, FittedSide, basis_key, sampled_basis
 
 __all__ = ["with_legs"]
 
@@ -110,11 +110,11 @@ def _refitted(
     The error is infinite where a leg cannot have a length of its own, or a side follows the target exactly.
     """
     found = [replace(sides[wish.side], error=math.inf) for wish in wishes]
-    alike: dict[tuple[int, bytes], list[int]] = defaultdict(list)
+    alike: dict[tuple[int, bytes, bytes | None], list[int]] = defaultdict(list)
     for k, wish in enumerate(wishes):
         side = sides[wish.side]
         if len(side.curve.control_points) > 3 and side.error >= EXACT:
-            alike[side.curve.degree, side.curve.knots.tobytes()].append(k)
+            alike[basis_key(side.curve)].append(k)
     for key, members in alike.items():
         basis = sampled_basis(*key)[1]
         curves = [sides[wishes[k].side].curve for k in members]

@@ -1,4 +1,4 @@
-"""Models of other libraries: a hook that the package fills, since what knows them is a floor above the geometry."""
+"""Models in other forms: a hook that the package fills, since what makes them is on floors above the geometry."""
 
 from __future__ import annotations
 
@@ -18,5 +18,5 @@ def find_with(find: Callable[[str], Callable[..., Any]]) -> None:
 
 
 def call(name: str, *arguments: object, **options: object) -> Any:
-    """Call a function of `patchtransfer.interop`, whose module is loaded then."""
+    """Call a function of `patchtransfer.interop` or `patchtransfer.conversion`, whose module is loaded then."""
     return _find(name)(*arguments, **options)

@@ -304,6 +304,16 @@ class MultiPatch:
         )
         return other.with_shared_points(other.topology.coordinates)
 
+    def to_polynomial(self, tolerance: float = 1e-6) -> MultiPatch:
+        """The domain by polynomial patches, but for a part of its diameter: `patchtransfer.to_polynomial` says how.
+
+        Parameters
+        ----------
+        tolerance : float, default 1e-6
+        """
+        made: MultiPatch = exchange.call("to_polynomial", self, tolerance).multipatch
+        return made
+
     def boundary(self) -> Boundary:
         """The boundary curves, loop by loop, the domain on their left."""
         return Boundary([[side.curve(self.patches) for side in loop] for loop in self.loops])

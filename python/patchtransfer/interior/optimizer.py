@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from .._core import SplineOptimizer as CoreSplineOptimizer
 from ..errors import InputError
 from ..geometry.patch import Patch
-from ..geometry.sides import around_corner
+from ..geometry.sides import CORNERS, around_corner
 from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray, distinct
 from ..numeric.compressed import Compressed
@@ -34,6 +34,7 @@ __all__ = [
     "SplineOptimizer",
     "degenerate_corners",
     "optimize_with_ladder",
+    "same_weights",
     "step_cost",
 ]
 
@@ -120,6 +121,10 @@ class SplineOptimizer:
         null_space: Compressed | None = None,
     ) -> None:
         patches = topology.patches if reference is None else reference
+        for k, pair in enumerate(zip(patches, topology.patches, strict=True)):
+            if not same_weights(*pair):
+                raise InputError(f"reference: patch {k} has other weights than the source's, which maps keep")
+        extra_nodes = [node for node in extra_nodes if _corner_of(patches, node) not in excluded_corners]
         self._nodes = nodes_per_degree, tuple(extra_nodes)
         self.step_cost = step_cost(patches, nodes_per_degree, extra_nodes)
         triplets = None
@@ -129,7 +134,7 @@ class SplineOptimizer:
             triplets = (np.asarray(null_space.indices, np.int64), columns, null_space.data, m)
         try:
             self._core = CoreSplineOptimizer(
-                [(*patch.knots, *patch.degrees, patch.control_points, None) for patch in patches],
+                [patch.to_core() for patch in patches],
                 [np.ascontiguousarray(points.ravel()) for points in topology.points],
                 topology.n_points,
                 topology.interior_points.tolist(),
@@ -227,6 +232,22 @@ class SplineOptimizer:
         """
         out = self._core.minimise(points, area_weight, max_steps, tolerance, progress, seconds, scale)
         return OptimizedMap(*out, Measure(*self._nodes, area_weight))
+
+
+def _corner_of(patches: Sequence[Patch], node: tuple[int, float, float]) -> tuple[int, int] | None:
+    """The corner (patch, corner) that an additional node lies on, if any."""
+    k, *at = node
+    for corner, ends in enumerate(CORNERS):
+        if all(t == knots[end] for t, knots, end in zip(at, patches[k].knots, ends, strict=True)):
+            return k, corner
+    return None
+
+
+def same_weights(a: Patch, b: Patch) -> bool:
+    """Whether two patches have the same weights, to the bit."""
+    if a.weights is None or b.weights is None:
+        return a.weights is b.weights
+    return np.array_equal(a.weights, b.weights)
 
 
 def _each(function: Callable[[list[FloatArray]], list[FloatArray]], fields: FloatArray) -> FloatArray:

@@ -106,7 +106,7 @@ class ActiveRows:
         if self.without:
             found.append(
                 f"{len(self.without)} of {len(mp.interfaces)} interfaces are C0 only (no certified map keeps the rows "
-                f"there, or the degree is 1): {_names(mp, self.without)}"
+                f"there, the degree is 1, or weights allow none): {_names(mp, self.without)}"
             )
         if self.residual > KEPT:
             found.append(

@@ -63,7 +63,7 @@ class Deformer:
     Parameters
     ----------
     mp : MultiPatch
-        Polynomial, injective, connected.
+        Injective, connected.
     continuity : str, optional
         Across patches, as in `transfer`; default as there.
     frozen : bool, default False

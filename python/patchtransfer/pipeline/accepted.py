@@ -10,7 +10,17 @@ from ..interior.solver import CONTINUITY
 from ..proof.source_corners import certify_straight
 from .options import CHOICES
 
-__all__ = ["accepted"]
+__all__ = ["accepted", "check_polynomial"]
+
+
+def check_polynomial(source: MultiPatch, what: str) -> None:
+    """Raise `InputError` on a rational source, for something that takes no weights."""
+    rational = [k for k, patch in enumerate(source.patches) if patch.weights is not None]
+    if rational:
+        raise InputError(
+            f"patch {rational[0]} of the source is rational (NURBS), and {what} takes polynomial B-splines only; "
+            "convert it first: MultiPatch.to_polynomial, or --polynomial 1e-6 of `patchtransfer transfer` and `convert`"
+        )
 
 
 def accepted(source: MultiPatch, continuity: str, ratios: str) -> tuple[MultiPatch, list[str]]:
@@ -19,8 +29,8 @@ def accepted(source: MultiPatch, continuity: str, ratios: str) -> tuple[MultiPat
     Raises
     ------
     InputError
-        On a source that cannot be transferred: no multi-patch, rational, disconnected, folded (naming the patch), or
-        without the freedom that "g1" needs; on another continuity than "c0", "c1" and "g1", and on other ratios.
+        On a source that cannot be transferred: no multi-patch, disconnected, folded (naming the patch), or for "g1"
+        rational or without the freedom that it needs; on another continuity than "c0", "c1" and "g1", on other ratios.
     """
     if not isinstance(source, MultiPatch):
         raise InputError(f"source must be a MultiPatch (see read), got {type(source).__name__}")
@@ -30,13 +40,8 @@ def accepted(source: MultiPatch, continuity: str, ratios: str) -> tuple[MultiPat
         raise InputError(f"ratios must be one of {', '.join(CHOICES['ratios'])}, got {ratios!r}")
     if (continuity, ratios) == ("g1", "source"):
         raise InputError('ratios="source" is for continuity="c1": gluing data of the source fit no exact G1 map')
-    if source.is_rational:
-        rational = [k for k, patch in enumerate(source.patches) if patch.weights is not None]
-        raise InputError(
-            f"patch {rational[0]} of the source is rational (NURBS); transfer needs polynomial B-splines: "
-            "approximate the source by B-splines first"
-        )
     if continuity == "g1":
+        check_polynomial(source, 'continuity="g1"')
         check_g1_space(source)
     topology = source.topology
     if topology.n_components != 1:

@@ -25,7 +25,7 @@ from ..measure.quality import quality
 from ..progress import FIRST, Progress
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from ..registration.register import Registration
-from .accepted import accepted
+from .accepted import accepted, check_polynomial
 from .divisions import Division, SourceSplit, cut, divided_again, with_corners_opened
 from .inside import attempt
 from .mirrored import MIRROR_IMAGE, POOR, Reflection, mirrored_rows, of_own_sides, reflected, told
@@ -74,8 +74,8 @@ class TransferPlan:
     Raises
     ------
     InputError
-        On a source that cannot be transferred: folded (naming the patch), rational, disconnected, or without the
-        freedom that "g1" needs.
+        On a source that cannot be transferred: folded (naming the patch), disconnected, or for "g1" rational or
+        without the freedom that it needs.
     """
 
     def __init__(
@@ -124,6 +124,8 @@ class TransferPlan:
 
     def _begun(self, target: Boundary, landmarks: ArrayLike | None, run: Run) -> Begun:
         """A transfer as far as its correspondence, for `_ended` of its owner: many are looked at before one goes on."""
+        if run.options.method == "paper":
+            check_polynomial(self.source, 'method="paper"')
         if run.options.ratios not in (None, self.ratios):
             return self._of_other_ratios._begun(target, landmarks, run)
         try:

@@ -105,7 +105,7 @@ def transfer(
     Raises
     ------
     InputError
-        On a folded, rational or disconnected source, bad landmarks or options.
+        On a folded or disconnected source, one with weights for "g1" or the paper's method, bad landmarks or options.
     InfeasibleTargetError
         When no injective parameterization with this topology exists on the target.
     NotCertifiedError, BoundaryMissedError

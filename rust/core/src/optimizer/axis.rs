@@ -60,6 +60,56 @@ pub(crate) fn jacobians(u: &Sampling, v: &Sampling, net: &[[f64; 2]], n_v: usize
     out
 }
 
+/// Jacobian of a rational map as `[x_u, x_v, y_u, y_v]`, and how it comes from that of the weighted points: for a net
+/// of weighted points with values `h` and derivatives `h_k`, `J_k = α h_k - β_k h`.
+pub(crate) struct RationalPoint {
+    pub jacobian: [f64; 4],
+    /// `[α, β_u, β_v]`: 1 by the sum of weights, and its derivatives by its square.
+    pub quotient: [f64; 3],
+}
+
+/// The same as [`jacobians`] with weights.
+pub(crate) fn rational_jacobians(
+    u: &Sampling,
+    v: &Sampling,
+    net: &[[f64; 2]],
+    weights: &[f64],
+    n_v: usize,
+) -> Vec<RationalPoint> {
+    let (m_u, m_v) = (u.first.len(), v.first.len());
+    let mut out = Vec::with_capacity(m_u * m_v);
+    for j in 0..m_v {
+        for i in 0..m_u {
+            // Weighted points and weights: values, derivatives by u, by v.
+            let mut h = [[0.0; 3]; 3];
+            for a in 0..u.n {
+                for b in 0..v.n {
+                    let at = (u.first[i] + a) * n_v + v.first[j] + b;
+                    let (w, [x, y]) = (weights[at], net[at]);
+                    let (value_u, slope_u) = (u.values[i * u.n + a], u.slopes[i * u.n + a]);
+                    let (value_v, slope_v) = (v.values[j * v.n + b], v.slopes[j * v.n + b]);
+                    let factors = [value_u * value_v, slope_u * value_v, value_u * slope_v];
+                    for (h, factor) in h.iter_mut().zip(factors) {
+                        *h = [h[0] + factor * w * x, h[1] + factor * w * y, h[2] + factor * w];
+                    }
+                }
+            }
+            let [[x, y, w], of_u, of_v] = h;
+            let (alpha, beta) = (1.0 / w, [of_u[2] / (w * w), of_v[2] / (w * w)]);
+            out.push(RationalPoint {
+                jacobian: [
+                    alpha * of_u[0] - beta[0] * x,
+                    alpha * of_v[0] - beta[1] * x,
+                    alpha * of_u[1] - beta[0] * y,
+                    alpha * of_v[1] - beta[1] * y,
+                ],
+                quotient: [alpha, beta[0], beta[1]],
+            });
+        }
+    }
+    out
+}
+
 /// The span that sees `t` among all `spans` of the knots: the one that ends there for the last node of a span, else the
 /// one that holds it.
 pub(crate) fn span_of(knots: &[f64], spans: &[usize], t: f64, from_below: bool) -> usize {

@@ -5,7 +5,7 @@
 
 use crate::numeric::lanes::WIDTH;
 use crate::numeric::quadrature::{gauss, lobatto};
-use crate::optimizer::axis::{Axis, Direction, Sampling, jacobians, span_of};
+use crate::optimizer::axis::{Axis, Direction, Sampling, jacobians, rational_jacobians, span_of};
 use crate::spline::{SplinePatch, spans};
 use thiserror::Error;
 
@@ -39,6 +39,8 @@ pub(crate) struct Strip {
     pub shape: [usize; 2],
     /// Point of function (i, j), `[j * shape[0] + i]`.
     pub points: Vec<u32>,
+    /// Weight of function (i, j), relative to the patch's largest; empty for a polynomial patch.
+    pub weights: Vec<f64>,
 }
 
 /// Nodes of a strip under one quadrature rule.
@@ -52,6 +54,9 @@ pub(crate) struct Nodes {
     /// `[(row * 5 + k) * columns + column]`: k < 4 the inverse of the reference Jacobian row by row, k = 4 the
     /// weight; all zero where a node is left out or only fills up.
     pub planes: Vec<f64>,
+    /// `[(row * 3 + k) * columns + column]`: α, β_u, β_v of the quotient rule, see [`crate::optimizer::axis::RationalPoint`]; empty for a
+    /// polynomial patch.
+    pub quotient: Vec<f64>,
     /// `[(row * 4 + k) * columns + column]`: Jacobian of the map that is added to; empty for none.
     pub base: Vec<f64>,
 }
@@ -248,8 +253,21 @@ impl Elements {
     ) -> Result<(), ElementError> {
         let first = self.push_axis(patch, k, space, Direction::First, spans[0], nodes[0]);
         let samplings = [first, second].map(|axis| &self.samplings[axis]);
-        let reference = jacobians(samplings[0], samplings[1], &patch.points, patch.shape[1]);
         let (m, columns) = (nodes[0].len(), nodes[0].len().next_multiple_of(WIDTH));
+        let relative = relative_weights(patch);
+        let mut quotient = vec![0.0; if relative.is_empty() { 0 } else { nodes[1].len() * 3 * columns }];
+        let reference = if relative.is_empty() {
+            jacobians(samplings[0], samplings[1], &patch.points, patch.shape[1])
+        } else {
+            let found =
+                rational_jacobians(samplings[0], samplings[1], &patch.points, &relative, patch.shape[1]);
+            for (at, point) in found.iter().enumerate() {
+                for plane in 0..3 {
+                    quotient[((at / m) * 3 + plane) * columns + at % m] = point.quotient[plane];
+                }
+            }
+            found.into_iter().map(|point| point.jacobian).collect()
+        };
         let mut planes = vec![0.0; nodes[1].len() * 5 * columns];
         for (at, &[a, b, c, d]) in reference.iter().enumerate() {
             let (i, j) = (at % m, at / m);
@@ -270,11 +288,16 @@ impl Elements {
         let n_v = space.knots[k][1].len() - patch.degrees[1] - 1;
         let corner = [spans[0][0] - patch.degrees[0], spans[1][0] - patch.degrees[1]];
         let mut points = Vec::with_capacity(u.functions * v.functions);
+        let mut weights = vec![];
         for j in 0..v.functions {
-            points.extend((0..u.functions).map(|i| space.indices[k][(corner[0] + i) * n_v + corner[1] + j]));
+            let at = |i: usize| (corner[0] + i) * n_v + corner[1] + j;
+            points.extend((0..u.functions).map(|i| space.indices[k][at(i)]));
+            if !relative.is_empty() {
+                weights.extend((0..u.functions).map(|i| relative[at(i)]));
+            }
         }
-        self.strips.push(Strip { patch: k, shape: [u.functions, v.functions], points });
-        self.nodes.push(Nodes { u: first, v: second, columns, planes, base: vec![] });
+        self.strips.push(Strip { patch: k, shape: [u.functions, v.functions], points, weights });
+        self.nodes.push(Nodes { u: first, v: second, columns, planes, quotient, base: vec![] });
         Ok(())
     }
 
@@ -309,6 +332,13 @@ impl Elements {
     pub(crate) fn len(&self) -> usize {
         self.strips.len()
     }
+}
+
+/// Weights of a patch by the largest, which leaves the map as it is; none for a polynomial patch.
+fn relative_weights(patch: &SplinePatch) -> Vec<f64> {
+    let weights = patch.weights.as_deref().unwrap_or_default();
+    let largest = weights.iter().fold(0.0, |m: f64, &w| m.max(w));
+    weights.iter().map(|w| w / largest).collect()
 }
 
 impl Nodes {

@@ -117,7 +117,8 @@ impl SplineOptimizer {
     /// Prepare for the free points `free` (sorted); `z` maps reduced unknowns to them.
     pub fn new(model: Model, free: Vec<usize>, z: Option<CscMatrix<f64>>) -> Result<Self, SetupError> {
         let knots: Vec<[Vec<f64>; 2]> = model.reference.iter().map(|p| p.knots.clone()).collect();
-        let whole = z.is_none();
+        // Coarser spaces of rational patches would need weights of their own.
+        let whole = z.is_none() && model.reference.iter().all(|p| p.weights.is_none());
         let space = Space { knots: &knots, indices: &model.indices };
         let problem = model.problem(&space, model.n_points, free, z)?;
         let mut coarser: Vec<(Coarse, NewtonProblem)> = vec![];

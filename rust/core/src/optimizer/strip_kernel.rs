@@ -92,31 +92,37 @@ impl Vectorizable for StripKernel<'_> {
     type Output = Summary;
 
     #[inline(always)]
-    fn run<const FUSED: bool>(mut self) -> Summary {
-        match self.order {
-            Order::Energy => {
-                interpolate::<FUSED>(&mut self);
-                sweep_energy::<FUSED>(&mut self)
-            }
-            Order::Gradient | Order::Dirichlet | Order::Product => {
-                interpolate::<FUSED>(&mut self);
-                let out = match self.order {
-                    Order::Gradient => sweep_gradient::<FUSED, ENERGY>(&mut self),
-                    Order::Dirichlet => sweep_gradient::<FUSED, DIRICHLET>(&mut self),
-                    _ => sweep_gradient::<FUSED, PRODUCT>(&mut self),
-                };
-                collect_gradient::<FUSED>(&mut self);
-                out
-            }
-            Order::Hessian(kind) => {
-                interpolate::<FUSED>(&mut self);
-                sweep_matrix::<FUSED, 4>(&mut self, kind);
-                Summary { energy: 0.0, min_det: 0.0, mean_det: 0.0 }
-            }
-            Order::Stiffness => {
-                sweep_matrix::<FUSED, 1>(&mut self, HessianKind::Exact);
-                Summary { energy: 0.0, min_det: 0.0, mean_det: 0.0 }
-            }
+    fn run<const FUSED: bool>(self) -> Summary {
+        if self.strip.weights.is_empty() { sweep::<FUSED, false>(self) } else { sweep::<FUSED, true>(self) }
+    }
+}
+
+/// Evaluate a polynomial strip, or a rational one.
+#[inline(always)]
+fn sweep<const FUSED: bool, const RATIONAL: bool>(mut e: StripKernel) -> Summary {
+    match e.order {
+        Order::Energy => {
+            interpolate::<FUSED, RATIONAL>(&mut e);
+            sweep_energy::<FUSED, RATIONAL>(&mut e)
+        }
+        Order::Gradient | Order::Dirichlet | Order::Product => {
+            interpolate::<FUSED, RATIONAL>(&mut e);
+            let out = match e.order {
+                Order::Gradient => sweep_gradient::<FUSED, RATIONAL, ENERGY>(&mut e),
+                Order::Dirichlet => sweep_gradient::<FUSED, RATIONAL, DIRICHLET>(&mut e),
+                _ => sweep_gradient::<FUSED, RATIONAL, PRODUCT>(&mut e),
+            };
+            collect_gradient::<FUSED, RATIONAL>(&mut e);
+            out
+        }
+        Order::Hessian(kind) => {
+            interpolate::<FUSED, RATIONAL>(&mut e);
+            sweep_matrix::<FUSED, RATIONAL, 4>(&mut e, kind);
+            Summary { energy: 0.0, min_det: 0.0, mean_det: 0.0 }
+        }
+        Order::Stiffness => {
+            sweep_matrix::<FUSED, RATIONAL, 1>(&mut e, HessianKind::Exact);
+            Summary { energy: 0.0, min_det: 0.0, mean_det: 0.0 }
         }
     }
 }
@@ -133,9 +139,9 @@ const DIRICHLET: u8 = 1;
 const PRODUCT: u8 = 2;
 
 /// Coordinates and their derivatives in the first direction at its nodes, for every row of functions; after those of
-/// the map those of the direction, if there is one.
+/// the map those of the direction, if there is one. Of a rational strip those of the weighted points.
 #[inline(always)]
-fn interpolate<const FUSED: bool>(e: &mut StripKernel) {
+fn interpolate<const FUSED: bool, const RATIONAL: bool>(e: &mut StripKernel) {
     let (u, columns) = (&e.axes[e.nodes.u], e.nodes.columns);
     let [n_u, n_v] = e.strip.shape;
     let maps = if e.direction.is_empty() { 1 } else { 2 };
@@ -147,7 +153,11 @@ fn interpolate<const FUSED: bool>(e: &mut StripKernel) {
                 let first = u.first[node / u.per_span];
                 let mut sum = [0.0; 4];
                 for a in 0..u.n {
-                    let [x, y] = map[points[first + a] as usize];
+                    let [mut x, mut y] = map[points[first + a] as usize];
+                    if RATIONAL {
+                        let w = e.strip.weights[j * n_u + first + a];
+                        (x, y) = (w * x, w * y);
+                    }
                     let (value, slope) = (u.values[node * u.n + a], u.slopes[node * u.n + a]);
                     sum[0] = fused::<FUSED>(slope, x, sum[0]);
                     sum[1] = fused::<FUSED>(value, x, sum[1]);
@@ -164,7 +174,7 @@ fn interpolate<const FUSED: bool>(e: &mut StripKernel) {
 
 /// Add the Jacobian at eight nodes of a row of a map that was interpolated: the first, or the second.
 #[inline(always)]
-fn add_jacobian<const FUSED: bool>(
+fn add_jacobian<const FUSED: bool, const RATIONAL: bool>(
     e: &StripKernel,
     map: usize,
     row: usize,
@@ -174,6 +184,7 @@ fn add_jacobian<const FUSED: bool>(
     let (v, columns, n_v) = (e.v(), e.nodes.columns, e.strip.shape[1]);
     let first = v.first[row / v.per_span];
     let fields = &e.buffers.fields[map * 4 * n_v * columns..];
+    let mut point = [Lanes::ZERO; 2];
     for b in 0..v.n {
         let (value, slope) = (v.values[row * v.n + b], v.slopes[row * v.n + b]);
         let field = |k: usize| Lanes::load(&fields[(k * n_v + first + b) * columns + column..]);
@@ -181,8 +192,28 @@ fn add_jacobian<const FUSED: bool>(
         j[1] = j[1].add_product::<FUSED>(slope, field(1));
         j[2] = j[2].add_product::<FUSED>(value, field(2));
         j[3] = j[3].add_product::<FUSED>(slope, field(3));
+        if RATIONAL {
+            point[0] = point[0].add_product::<FUSED>(value, field(1));
+            point[1] = point[1].add_product::<FUSED>(value, field(3));
+        }
+    }
+    if RATIONAL {
+        let [alpha, beta_u, beta_v] = quotient(e, row, column);
+        j = [
+            alpha * j[0] - beta_u * point[0],
+            alpha * j[1] - beta_v * point[0],
+            alpha * j[2] - beta_u * point[1],
+            alpha * j[3] - beta_v * point[1],
+        ];
     }
     j
+}
+
+/// α, β_u and β_v of the quotient rule at eight nodes of a row of a rational strip.
+#[inline(always)]
+fn quotient(e: &StripKernel, row: usize, column: usize) -> [Lanes; 3] {
+    let plane = |k: usize| Lanes::load(&e.nodes.quotient[(row * 3 + k) * e.nodes.columns + column..]);
+    [plane(0), plane(1), plane(2)]
 }
 
 /// `J T` for Jacobians.
@@ -198,7 +229,7 @@ fn relative(j: &[Lanes; 4], t: &[Lanes; 4]) -> [Lanes; 4] {
 
 /// Inverse of the reference Jacobian times the scale, weight, and `A` at eight nodes of a row.
 #[inline(always)]
-fn at_nodes<const FUSED: bool>(
+fn at_nodes<const FUSED: bool, const RATIONAL: bool>(
     e: &StripKernel,
     row: usize,
     column: usize,
@@ -210,7 +241,7 @@ fn at_nodes<const FUSED: bool>(
         let base = |k: usize| Lanes::load(&e.nodes.base[(row * 4 + k) * columns + column..]);
         [base(0), base(1), base(2), base(3)]
     };
-    let j = add_jacobian::<FUSED>(e, 0, row, column, base);
+    let j = add_jacobian::<FUSED, RATIONAL>(e, 0, row, column, base);
     let plane = |k: usize| Lanes::load(&e.nodes.planes[(row * 5 + k) * columns + column..]);
     let s = e.parameters.scale;
     let t = [s * plane(0), s * plane(1), s * plane(2), s * plane(3)];
@@ -244,12 +275,12 @@ impl Totals {
 }
 
 #[inline(always)]
-fn sweep_energy<const FUSED: bool>(e: &mut StripKernel) -> Summary {
+fn sweep_energy<const FUSED: bool, const RATIONAL: bool>(e: &mut StripKernel) -> Summary {
     let Parameters { eps, lambda, .. } = e.parameters;
     let mut totals = Totals::new();
     for row in 0..e.v().nodes() {
         for column in (0..e.nodes.columns).step_by(WIDTH) {
-            let (_, w, a) = at_nodes::<FUSED>(e, row, column);
+            let (_, w, a) = at_nodes::<FUSED, RATIONAL>(e, row, column);
             let (energy, det) = distortion::energy(&a, eps, lambda);
             totals.add(w, energy, det);
         }
@@ -259,7 +290,7 @@ fn sweep_energy<const FUSED: bool>(e: &mut StripKernel) -> Summary {
 
 /// Energy, and its derivatives by the fields (`buffers.by_node`), or what else `WHAT` asks for.
 #[inline(always)]
-fn sweep_gradient<const FUSED: bool, const WHAT: u8>(e: &mut StripKernel) -> Summary {
+fn sweep_gradient<const FUSED: bool, const RATIONAL: bool, const WHAT: u8>(e: &mut StripKernel) -> Summary {
     let Parameters { eps, lambda, .. } = e.parameters;
     let (columns, n_v) = (e.nodes.columns, e.strip.shape[1]);
     let mut by_field = std::mem::take(&mut e.buffers.by_node);
@@ -267,31 +298,45 @@ fn sweep_gradient<const FUSED: bool, const WHAT: u8>(e: &mut StripKernel) -> Sum
     let mut totals = Totals::new();
     for row in 0..e.v().nodes() {
         for column in (0..columns).step_by(WIDTH) {
-            let (t, w, a) = at_nodes::<FUSED>(e, row, column);
+            let (t, w, a) = at_nodes::<FUSED, RATIONAL>(e, row, column);
             let (energy, det, g) = match WHAT {
                 ENERGY => distortion::gradient(&a, eps, lambda),
                 DIRICHLET => (Lanes::ZERO, Lanes::ZERO, a),
                 _ => {
-                    let moved = add_jacobian::<FUSED>(e, 1, row, column, [Lanes::ZERO; 4]);
+                    let moved = add_jacobian::<FUSED, RATIONAL>(e, 1, row, column, [Lanes::ZERO; 4]);
                     let h = distortion::hessian(&a, eps, lambda, HessianKind::Exact);
                     (Lanes::ZERO, Lanes::ZERO, times(&h, &relative(&moved, &t)))
                 }
             };
             totals.add(w, energy, det);
             // dE/dJ = dE/dA Tᵀ.
-            let by_j = [
+            let mut by_j = [
                 w * (g[0] * t[0] + g[1] * t[1]),
                 w * (g[0] * t[2] + g[1] * t[3]),
                 w * (g[2] * t[0] + g[3] * t[1]),
                 w * (g[2] * t[2] + g[3] * t[3]),
             ];
+            // By the weighted points: what their values count for, besides their derivatives.
+            let mut by_point = [Lanes::ZERO; 2];
+            if RATIONAL {
+                let [alpha, beta_u, beta_v] = quotient(e, row, column);
+                by_point = [
+                    Lanes::ZERO - (beta_u * by_j[0] + beta_v * by_j[1]),
+                    Lanes::ZERO - (beta_u * by_j[2] + beta_v * by_j[3]),
+                ];
+                by_j = [alpha * by_j[0], alpha * by_j[1], alpha * by_j[2], alpha * by_j[3]];
+            }
             let v = e.v();
             let first = v.first[row / v.per_span];
             for b in 0..v.n {
                 let factors = [v.values[row * v.n + b], v.slopes[row * v.n + b]];
                 for k in 0..4 {
                     let to = &mut by_field[(k * n_v + first + b) * columns + column..];
-                    Lanes::load(to).add_product::<FUSED>(factors[k % 2], by_j[k]).store(to);
+                    let mut sum = Lanes::load(to).add_product::<FUSED>(factors[k % 2], by_j[k]);
+                    if RATIONAL && k % 2 == 1 {
+                        sum = sum.add_product::<FUSED>(factors[0], by_point[k / 2]);
+                    }
+                    sum.store(to);
                 }
             }
         }
@@ -311,7 +356,7 @@ fn times(h: &[Lanes; 10], d: &[Lanes; 4]) -> [Lanes; 4] {
 }
 
 #[inline(always)]
-fn collect_gradient<const FUSED: bool>(e: &mut StripKernel) {
+fn collect_gradient<const FUSED: bool, const RATIONAL: bool>(e: &mut StripKernel) {
     let (u, columns) = (&e.axes[e.nodes.u], e.nodes.columns);
     let [n_u, n_v] = e.strip.shape;
     e.buffers.gradient.clear();
@@ -328,6 +373,11 @@ fn collect_gradient<const FUSED: bool>(e: &mut StripKernel) {
                 g[0] = fused::<FUSED>(slope, d[0], fused::<FUSED>(value, d[1], g[0]));
                 g[1] = fused::<FUSED>(slope, d[2], fused::<FUSED>(value, d[3], g[1]));
             }
+        }
+    }
+    if RATIONAL {
+        for (g, w) in e.buffers.gradient.iter_mut().zip(&e.strip.weights) {
+            *g = [w * g[0], w * g[1]];
         }
     }
 }

@@ -347,3 +347,107 @@ fn corrections_reach_rounding_at_the_given_scale() {
     optimizer.linearise(&settled.points, SETTINGS.lambda, HessianKind::Exact, Some(scale)).unwrap();
     assert_eq!(optimizer.product(&wave), here);
 }
+
+/// The bent pair with weights: of both patches, or (`mixed`) of the second inside only, whose sides then fit.
+fn weighted_pair(mixed: bool) -> (Model, Vec<usize>, Vec<[f64; 2]>) {
+    let (mut model, free, x) = bent_pair(3);
+    let [n, m] = model.reference[1].shape;
+    let inside = |p: usize| (1..n - 1).contains(&(p / m)) && (1..m - 1).contains(&(p % m));
+    for k in usize::from(mixed)..2 {
+        // By the shared point, so that both sides of the interface agree.
+        let weight = |(p, i): (usize, &u32)| {
+            if mixed && !inside(p) { 1.0 } else { 1.0 + 0.5 * (1.9 * f64::from(*i)).sin() }
+        };
+        model.reference[k].weights = Some(model.indices[k].iter().enumerate().map(weight).collect());
+    }
+    (model, free, x)
+}
+
+#[test]
+fn equal_weights_change_nothing() {
+    let (plain, free, x) = bent_pair(3);
+    let mut weighted = plain.clone();
+    for patch in &mut weighted.reference {
+        patch.weights = Some(vec![0.3; patch.points.len()]);
+    }
+    let solve = |model: Model| {
+        let mut optimizer = SplineOptimizer::new(model, free.clone(), None).unwrap();
+        let harmonic = optimizer.harmonic(&x).unwrap();
+        let found = optimizer.minimise(&harmonic, SETTINGS, |_| ControlFlow::Continue(())).unwrap();
+        assert_eq!(found.stop, Stop::Converged);
+        (harmonic, found)
+    };
+    let (a, b) = (solve(plain), solve(weighted));
+    assert!((a.1.energy - b.1.energy).abs() < 1e-14);
+    for (p, q) in a.0.iter().chain(&a.1.points).zip(b.0.iter().chain(&b.1.points)) {
+        assert!((p[0] - q[0]).abs() + (p[1] - q[1]).abs() < 1e-13, "{p:?} {q:?}");
+    }
+}
+
+#[test]
+fn rational_gradients_and_products_are_derivatives() {
+    for mixed in [false, true] {
+        let (model, free, x) = weighted_pair(mixed);
+        let wave: Field = (0..x.len()).map(|k| [(0.7 * k as f64).sin(), (1.3 * k as f64).cos()]).collect();
+        let mut optimizer = SplineOptimizer::new(model, free, None).unwrap();
+        let at = Parameters { scale: 0.8, eps: 1e-3, lambda: 0.3 };
+        let evaluator = &mut optimizer.problem.evaluator;
+        let step = 1e-5;
+        let (up, down) = (plus(&x, step, &wave), plus(&x, -step, &wave));
+        let difference =
+            (evaluator.energy(&up, at).energy - evaluator.energy(&down, at).energy) / (2.0 * step);
+        let slope = dot(&evaluator.gradient_everywhere(&x, at).1, &wave);
+        assert!((difference - slope).abs() < 1e-7 * slope.abs(), "{difference} {slope}");
+        let mut product = vec![[0.0; 2]; x.len()];
+        evaluator.product(&x, &wave, at, |p, g| product[p] = [product[p][0] + g[0], product[p][1] + g[1]]);
+        let [up, down] = [&up, &down].map(|y| evaluator.gradient_everywhere(y, at).1);
+        let largest = product.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
+        for (p, g) in product.iter().enumerate() {
+            for c in 0..2 {
+                let difference = (up[p][c] - down[p][c]) / (2.0 * step);
+                assert!((difference - g[c]).abs() < 1e-6 * largest, "{p} {c}: {difference} {}", g[c]);
+            }
+        }
+    }
+}
+
+#[test]
+fn rational_matrices_are_those_of_products() {
+    for mixed in [false, true] {
+        let (model, free, x) = weighted_pair(mixed);
+        let wave: Field = (0..x.len()).map(|k| [(0.9 * k as f64).sin(), (1.1 * k as f64).cos()]).collect();
+        let mut optimizer = SplineOptimizer::new(model, free.clone(), None).unwrap();
+        let harmonic = optimizer.harmonic(&x).unwrap();
+        // The gradient of the Dirichlet energy vanishes on the harmonic map: its matrix is that of the gradient.
+        let NewtonProblem { evaluator, assembly, .. } = &mut optimizer.problem;
+        let mut residual = vec![0.0; 2 * free.len()];
+        evaluator.dirichlet(&harmonic, assembly, &mut residual);
+        assert!(residual.iter().all(|r| r.abs() < 1e-12));
+        let settings = Settings { tolerance: 1e-14, ..SETTINGS };
+        let found = optimizer.minimise(&harmonic, settings, |_| ControlFlow::Continue(())).unwrap();
+        assert_eq!(found.stop, Stop::Converged);
+        optimizer.linearise(&found.points, SETTINGS.lambda, HessianKind::Exact, None).unwrap();
+        let answer = optimizer.respond(&[wave]).remove(0);
+        let back = optimizer.product(&answer);
+        for (a, b) in optimizer.respond(&[back])[0].iter().zip(&answer) {
+            assert!((a[0] - b[0]).abs() + (a[1] - b[1]).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_map_of_lowest_energy_is_its_reference_with_weights_too() {
+    let (model, free, _) = weighted_pair(false);
+    let mut x = vec![[0.0; 2]; model.n_points];
+    for (patch, index) in model.reference.iter().zip(&model.indices) {
+        index.iter().zip(&patch.points).for_each(|(&i, &p)| x[i as usize] = p);
+    }
+    let exact = x.clone();
+    free.iter().for_each(|&p| x[p] = [x[p][0] + 0.02 * (p as f64).sin(), x[p][1]]);
+    let mut optimizer = SplineOptimizer::new(model, free, None).unwrap();
+    let found = optimizer.minimise(&x, SETTINGS, |_| ControlFlow::Continue(())).unwrap();
+    assert!((found.energy - 2.6).abs() < 1e-12, "{}", found.energy);
+    for (p, q) in found.points.iter().zip(&exact) {
+        assert!((p[0] - q[0]).abs() + (p[1] - q[1]).abs() < 1e-6);
+    }
+}
