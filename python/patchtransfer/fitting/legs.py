@@ -152,7 +152,10 @@ def _step(basis: FloatArray, points: FloatArray, free: NDArray[np.bool_], at: Fl
     turned = np.ascontiguousarray(rows.transpose(0, 2, 1))
     normal = product(turned, rows)
     right = product(turned, (wanted * directions).sum(axis=2)[..., None])[..., 0]
-    for x, a, b, there in zip(points, normal, right, free.repeat(2, axis=1), strict=True):
-        if there.any():
-            held = product(a[np.ix_(there, ~there)], x.ravel()[~there])
-            x.reshape(-1)[there] = solve_definite(a[np.ix_(there, there)], b[there] - held)
+    # What is held keeps its equation x = x.
+    there, x = free.repeat(2, axis=1), points.reshape(m, -1)
+    right = (right - product(normal, np.where(there, 0.0, x)[..., None])[..., 0]) * there
+    normal = normal * (there[:, :, None] & there[:, None])
+    normal[:, range(2 * n), range(2 * n)] += ~there
+    for k in np.flatnonzero(there.any(axis=1)).tolist():
+        x[k, there[k]] = solve_definite(normal[k], right[k])[there[k]]
