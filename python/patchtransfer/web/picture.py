@@ -181,7 +181,7 @@ def curve_lines(curves: Iterable[BSplineCurve]) -> Lines:
     for curve in curves:
         if curve.degree <= 3 and curve.weights is None and len(curve.control_points) == curve.degree + 1:
             # A Bézier curve as it is.
-            found.append((_ELEVATE[curve.degree] @ curve.control_points)[None])
+            found.append(np.einsum("ij,jk->ik", _ELEVATE[curve.degree], curve.control_points)[None])
             continue
         breaks = knot_spans(curve.knots)
         per_span = 1 if curve.degree <= 3 and curve.weights is None else PER_SPAN
@@ -206,7 +206,7 @@ def _through(lines: Sequence[tuple[FloatArray, FloatArray]], pieces: int) -> Lin
     windows = np.arange(0, 3 * pieces, 3)[:, None] + np.arange(4)
     follows = np.ones((len(points), pieces), bool)
     follows[first, 0] = False
-    curves = np.matmul(_THROUGH, points[:, windows])
+    curves = np.einsum("ij,spjk->spik", _THROUGH, points[:, windows])
     return Lines(curves.reshape(-1, 4, 2), follows.ravel(), values[:, windows].min(axis=2).ravel())
 
 
