@@ -11,7 +11,7 @@ import domains
 import models
 import patchtransfer as pt
 import targets
-from failing import rational_source
+from failing import folded_source
 from patchtransfer.library import entries, library
 from patchtransfer.library import models as shelf
 from patchtransfer.library.choice import PARAMETERIZE
@@ -104,11 +104,11 @@ def test_place_and_size_of_the_target_change_nothing(target, angle):
 
 
 def test_what_cannot_be_transferred_says_why(target):
-    found = pt.Library({"bar": shapes()["bar"], "nurbs": rational_source()}).transfer(target)
+    found = pt.Library({"bar": shapes()["bar"], "folded": folded_source()}).transfer(target)
     assert found.chosen == "bar"
     refused = found.candidates[-1]
-    assert (refused.name, refused.stage) == ("nurbs", "source")
-    assert "rational" in refused.reason
+    assert (refused.name, refused.stage) == ("folded", "source")
+    assert "patch 1 folds" in refused.reason
     assert "and 1 more: 1 that cannot be transferred" in str(found)
 
 

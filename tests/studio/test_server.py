@@ -247,7 +247,7 @@ class TestInABrowser:
         page.mouse.down()
         page.mouse.move(2.4 * centre[0] - 1.4 * x, 2.4 * centre[1] - 1.4 * y, steps=8)
         page.locator("#verdict.bad").wait_for()
-        assert page.locator("#picture-target .place").count() > 0
+        page.locator("#picture-target .place").first.wait_for(state="attached")
         page.mouse.move(x, y, steps=4)
         page.locator("#verdict.good").wait_for()
         page.mouse.up()

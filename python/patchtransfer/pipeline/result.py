@@ -237,7 +237,7 @@ class TransferResult:
         --------
         >>> import patchtransfer as pt
         >>> page = pt.transfer(*pt.examples.load("star")).to_html()
-        >>> page[:15], "certified" in page, "http" in page
+        >>> page[:15], "certified" in page, "://" in page
         ('<!doctype html>', True, False)
         """
         return as_page(self)

@@ -153,7 +153,7 @@ class Session:
             return
         self.result = result
         failure = failure_of(result)
-        places = [] if result.certificate.injective else _meetings(result.multipatch.boundary())
+        places = _failing(result.multipatch, result.certificate)
         self.shown = Shown(
             result.multipatch,
             result.certificate,
@@ -203,7 +203,7 @@ class Session:
         self._near = filled if filled.certificate.injective else None
         certificate = filled.certificate
         why = None if certificate.injective else "; ".join(certificate.reasons[:2])
-        places = [] if certificate.injective else _meetings(target)
+        places = _failing(filled.multipatch, certificate)
         missed, where = _farthest(filled.multipatch.boundary(), target)
         off = missed / target.diameter
         if why is None and off > MISSED * self._fit_tolerance:
@@ -282,6 +282,14 @@ class Session:
     def _show_none(self, error: str, target: Boundary, begin: float) -> None:
         seconds = time.perf_counter() - begin
         self.shown = Shown(self.shown.model, None, error, _meetings(target), seconds, self._drag is not None)
+
+
+def _failing(model: MultiPatch, certificate: Certificate) -> list[Point]:
+    """Where a map is not proved: its boundary meets itself, or cells are folded or undecided."""
+    if certificate.injective:
+        return []
+    cells = [model.patches[cell.patch](*cell.point) for cell in certificate.cells if cell.kind != "degenerate"]
+    return _meetings(model.boundary()) + [(float(x), float(y)) for x, y in cells]
 
 
 def _meetings(boundary: Boundary) -> list[Point]:
