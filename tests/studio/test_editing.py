@@ -79,6 +79,24 @@ def test_what_is_pulled_is_there_smooth_and_still_beyond_the_reach(number, shift
         assert sum(moved_joints) <= 1
 
 
+@settings(max_examples=40, deadline=None)
+@given(strategies.boundaries(), st.integers(0, 10**6), places, st.floats(0.01, 0.5))
+def test_what_is_pulled_stays_closed(boundary, number, shift, reach):
+    at = addresses(boundary)[number % len(addresses(boundary))]
+    to = boundary.loops[at.loop][at.curve].control_points[at.point] + np.array(shift)
+    # A boundary that is open is refused when it is made.
+    after = pulled(boundary, at, tuple(to), reach)
+    assert [len(loop) for loop in after.loops] == [len(loop) for loop in boundary.loops]
+
+
+def test_lines_that_go_on_straight_stay_joined():
+    """The leg of a line is its other end."""
+    square = Boundary.from_points([(0, 0), (1, 0), (2, 0), (3, 0), (3, 3), (0, 3)], smooth=False, clean=False)
+    after = pulled(square, PointAddress(0, 2, 0), (2, -0.5), 0.3)
+    np.testing.assert_allclose(after.loops[0][1].end, (2, -0.5))
+    np.testing.assert_array_equal(after.loops[0][1].end, after.loops[0][2].start)
+
+
 def test_a_pull_without_reach_is_a_move():
     assert pulled(circle(), PointAddress(0, 1, 1), (1, 1), 0.0) == moved(circle(), PointAddress(0, 1, 1), (1, 1))
 

@@ -29,7 +29,9 @@ class LoopBumps:
         c = self.outline.curves[k]
         s = self.outline.arc_length(k, greville(c.knots, c.degree))
         bumps, _ = self._bump(s, centres, radius)
-        for joint, end, inner in ((k, 0, 1), (k + 1, -1, -2)):
+        # The leg of a straight line is its other end, which is a joint itself.
+        legs = ((k, 0, 1), (k + 1, -1, -2)) if len(bumps) > 2 else ()
+        for joint, end, inner in legs:
             if self._smooth[joint % len(self.outline.curves)]:
                 value, slope = self._bump(s[[end]], centres, radius)
                 leg = float(np.linalg.norm(c.control_points[inner] - c.control_points[end]))
