@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import patchtransfer as pt
@@ -41,16 +41,19 @@ placing = st.tuples(st.floats(0, 6), st.floats(1e-6, 1e6), st.tuples(st.floats(-
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 4), st.floats(1e-8, 3e-4), st.floats(0, 6), placing)
+@example(3, 9.379992792894518e-05, 0.46875, (0.0, 1.0, (0.0, 0.0)))
 def test_a_sliver_anywhere_is_absorbed_and_told(at, size, angle, place):
     points = moved(with_sliver(at, size, angle), *place)
     notes: list[str] = []
     (loop,) = cleaned([polygon(points)], notes)
     assert len(loop) == 5
     (note,) = notes
-    assert "sliver" in note
+    # One that runs back along the next edge is a spike as well, of which all is cut off, not half.
+    spike = "spike" in note
+    assert spike or "sliver" in note
     wanted = moved(HOUSE, *place)
     error = np.linalg.norm(np.array([c.start for c in loop])[:, None] - wanted[None], axis=2).min(axis=1)
-    assert error.max() <= 0.51 * size * place[1]
+    assert error.max() <= (1.01 if spike else 0.51) * size * place[1]
     again: list[str] = []
     assert cleaned([loop], again) == [loop]
     assert again == []
