@@ -44,7 +44,6 @@ def studio(
     there goes where the browser puts it. Ctrl-C ends the studio.
     """
     from .. import io
-    from ..sources.auto_layout import parameterize
     from ..studio.server import serve
     from ..studio.session import Session
 
@@ -62,13 +61,13 @@ def studio(
         set_threads(threads)
         read = partial(io.read_boundary, clean=clean, smooth=smooth, layers=layers)
         points = None if landmarks is None else io.read_landmarks(landmarks)
+        given = None if target is None else read(target)
         try:
             model = io.read(source)
-            outline = model.boundary() if target is None else read(target)
         except io.OutlineOnlyError:
-            own = read(source)
-            model, outline = parameterize(own).multipatch, own if target is None else read(target)
+            session = Session.of_outline(read(source), given, points, continuity)
+        else:
+            session = Session(model, model.boundary() if given is None else given, points, continuity)
         title = os.path.basename(source) + (f" → {os.path.basename(target)}" if target else "")
-        session = Session(model, outline, points, continuity)
         with suppress(KeyboardInterrupt):
             serve(session, title, port, ready)

@@ -46,11 +46,10 @@ def _naming(path: Path) -> Iterator[None]:
     """Put the path in front of the message of an `InputError`."""
     try:
         yield
-    except OutlineOnlyError as error:
-        error.args = (f"{path}: {error}",)
-        raise
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        # Of whatever kind it is: who calls may answer one of them.
+        error.args = (f"{path}: {error}", *error.args[1:])
+        raise
 
 
 def _extensions(formats: list[Format]) -> str:

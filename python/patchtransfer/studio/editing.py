@@ -13,7 +13,7 @@ from ..geometry.outline import CORNER, Outline
 from ..motion.bumps import LoopBumps
 from ..numeric.arrays import FloatArray
 
-__all__ = ["PointAddress", "addresses", "control_points", "moved", "pulled"]
+__all__ = ["PointAddress", "addresses", "check_address", "control_points", "moved", "pulled"]
 
 #: A point that gets less of a bump at it would need a bump several times the drag.
 LEAST_SHARE = 0.5
@@ -37,6 +37,12 @@ def addresses(boundary: Boundary) -> list[PointAddress]:
     ]
 
 
+def check_address(boundary: Boundary, at: PointAddress) -> None:
+    """Raise `InputError` where a boundary has no such point."""
+    if at not in addresses(boundary):
+        raise InputError(f"there is no control point {at.point} on curve {at.curve} of loop {at.loop}")
+
+
 def control_points(boundary: Boundary) -> FloatArray:
     """Of all curves (m, 2), curve after curve, as `OutlineMap` counts them."""
     return np.concatenate([curve.control_points for loop in boundary.loops for curve in loop])
@@ -53,8 +59,7 @@ def moved(boundary: Boundary, at: PointAddress, to: tuple[float, float]) -> Boun
     InputError
         When there is no such point.
     """
-    if at not in addresses(boundary):
-        raise InputError(f"there is no control point {at.point} on curve {at.curve} of loop {at.loop}")
+    check_address(boundary, at)
     loop = boundary.loops[at.loop]
     n = len(loop)
     points = [curve.control_points.copy() for curve in loop]
@@ -95,8 +100,7 @@ def pulled(boundary: Boundary, at: PointAddress, to: tuple[float, float], reach:
     """
     if not reach > 0:
         return moved(boundary, at, to)
-    if at not in addresses(boundary):
-        raise InputError(f"there is no control point {at.point} on curve {at.curve} of loop {at.loop}")
+    check_address(boundary, at)
     loop = boundary.loops[at.loop]
     bumps = LoopBumps(Outline(loop))
     held = loop[at.curve].control_points[at.point]

@@ -10,7 +10,8 @@ from __future__ import annotations
 import json
 import secrets
 import socket
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from functools import partial
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
@@ -149,23 +150,14 @@ def application(
         except WebSocketDisconnect:
             return
 
-    async def started() -> None:
+    @asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
         ready()
+        yield
 
     guard = Middleware(Guard, hosts={f"{name}:{port}" for name in (HOST, "localhost")}, token=token)
     routes = [Route("/", page), Route("/file/{name}", file), WebSocketRoute("/live", live)]
-    return Starlette(routes=routes, middleware=[guard], lifespan=_after(started))
-
-
-def _after(start: Callable[[], Any]) -> Any:
-    from contextlib import asynccontextmanager
-
-    @asynccontextmanager
-    async def lifespan(_: Any) -> Any:
-        await start()
-        yield
-
-    return lifespan
+    return Starlette(routes=routes, middleware=[guard], lifespan=lifespan)
 
 
 class Guard:

@@ -21,7 +21,7 @@ from ..pipeline.plan import TransferPlan
 from ..pipeline.result import TransferResult, failure_of
 from ..proof.certificate import Certificate, check_boundary
 from ..sources.auto_layout import parameterize
-from .editing import PointAddress, addresses, control_points, pulled
+from .editing import PointAddress, addresses, check_address, control_points, pulled
 
 __all__ = ["Drag", "Edited", "Landmark", "Session", "Shown"]
 
@@ -124,9 +124,17 @@ class Session:
         self.refresh()
 
     @classmethod
-    def of_outline(cls, outline: Boundary, continuity: str = "c1", **options: Any) -> Session:
-        """A session whose source is parameterized from the outline itself."""
-        return cls(parameterize(outline, on_failure="raise").multipatch, outline, None, continuity, **options)
+    def of_outline(
+        cls,
+        outline: Boundary,
+        target: Boundary | None = None,
+        landmarks: FloatArray | None = None,
+        continuity: str = "c1",
+        **options: Any,
+    ) -> Session:
+        """A session whose source is parameterized from an outline, which is the target where no other is given."""
+        source = parameterize(outline).multipatch
+        return cls(source, outline if target is None else target, landmarks, continuity, **options)
 
     @property
     def landmark_rows(self) -> FloatArray | None:
@@ -171,8 +179,7 @@ class Session:
         InputError
             When there is no such point.
         """
-        if at not in self.handles:
-            raise InputError(f"there is no control point {at.point} on curve {at.curve} of loop {at.loop}")
+        check_address(self.edited.target, at)
         frozen = outline = None
         if self.result is not None and self.result.succeeded:
             try:

@@ -9,18 +9,8 @@ import numpy as np
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..measure.quality import quality
-from ..web.picture import (
-    Frame,
-    by_class,
-    dots,
-    frame,
-    interface_lines,
-    iso_lines,
-    loops,
-    model_loops,
-    patch_outlines,
-    sampled,
-)
+from ..web.figure import layers
+from ..web.picture import Frame, by_class, frame, iso_lines, loops, sampled
 from .editing import control_points
 from .session import Session
 
@@ -116,11 +106,4 @@ def _frame(of: Frame) -> dict[str, Any]:
 
 def _model(mp: MultiPatch, in_frame: Frame) -> dict[str, Any]:
     drawn = sampled(mp, LIVE_LINES)
-    special = [v.point for v in mp.vertices if v.extraordinary]
-    return {
-        "patches": patch_outlines(drawn, in_frame),
-        "iso": by_class(iso_lines(drawn), in_frame),
-        "interfaces": by_class(interface_lines(drawn), in_frame),
-        "special": dots(mp.topology.coordinates[special], in_frame),
-        "outline": model_loops(drawn, in_frame),
-    }
+    return layers(drawn, in_frame) | {"iso": by_class(iso_lines(drawn), in_frame)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from .picture import (
     sampled,
 )
 
-__all__ = ["Figure", "Mark", "Place", "boundary_figure", "model_figure", "worst_places"]
+__all__ = ["Figure", "Mark", "Place", "boundary_figure", "layers", "model_figure", "worst_places"]
 
 #: Colours of patches: as many as neighbours need to differ, chosen greedily.
 PATCH_COLOURS = 6
@@ -104,19 +104,15 @@ def model_figure(
     in_frame = frame(np.concatenate([points.reshape(-1, 2) for points, _ in drawn.grids]))
     places = worst_places(drawn) if worst else []
     middles = [points[len(points) // 2, points.shape[1] // 2] for points, _ in drawn.grids]
-    special = [v.point for v in mp.vertices if v.extraordinary]
     figure = Figure(
         name,
         title,
         f"{title}: {len(mp)} patches",
         in_frame.view_box,
-        model_loops(drawn, in_frame),
-        patches=list(zip(_patch_colours(mp), patch_outlines(drawn, in_frame), strict=True)),
+        **layers(drawn, in_frame),
         iso=by_class(iso_lines(drawn), in_frame) if detail else [],
-        interfaces=by_class(interface_lines(drawn), in_frame),
         net=control_net(mp, in_frame) if detail else "",
         points=dots(mp.topology.coordinates, in_frame) if detail else "",
-        special=dots(mp.topology.coordinates[special], in_frame),
         numbers=_marks(np.array(middles), in_frame, "patch") if detail else [],
         joints=_joints(joints, in_frame),
         matches=_matches(matches, in_frame),
@@ -126,6 +122,18 @@ def model_figure(
         ],
     )
     return figure, places
+
+
+def layers(drawn: Sampled, in_frame: Frame) -> dict[str, Any]:
+    """Path data of a multi-patch: its loops, patches with their colours, interfaces and extraordinary vertices."""
+    mp = drawn.multipatch
+    special = [v.point for v in mp.vertices if v.extraordinary]
+    return {
+        "outline": model_loops(drawn, in_frame),
+        "patches": list(zip(_patch_colours(mp), patch_outlines(drawn, in_frame), strict=True)),
+        "interfaces": by_class(interface_lines(drawn), in_frame),
+        "special": dots(mp.topology.coordinates[special], in_frame),
+    }
 
 
 def boundary_figure(

@@ -33,7 +33,7 @@ function paths(group, rows, kind) {
 }
 
 function drawModel(into, model) {
-  paths(into.patches, model.patches.map((d, k) => [`p${k % 6}`, d]), "patch");
+  paths(into.patches, model.patches.map(([colour, d]) => [`p${colour}`, d]), "patch");
   paths(into.iso, model.iso.map(([kind, d]) => [`q${kind}`, d]), "iso");
   paths(into.interfaces, model.interfaces.map(([kind, d]) => [`q${kind}`, d]), "interface");
   paths(into.outline, [["outline", model.outline]], "");
