@@ -11,11 +11,11 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any
 
-__all__ = ["caught", "held_back", "ignore", "leave_silently", "raise_lost"]
+__all__ = ["caught", "close_at_once", "held_back", "ignore", "leave_silently", "raise_lost"]
 
 STATUS = 130
 #: Whether Ctrl-C was pressed since the command started.
@@ -53,6 +53,21 @@ def leave_silently() -> None:
     on_main_thread = threading.current_thread() is threading.main_thread()
     if on_main_thread and _is_command() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
+
+
+def close_at_once() -> None:
+    """End the command line, interrupted and tidied up, without what Python does when it closes down.
+
+    A library that was interrupted while it was loaded can abort the process there, and the status with it. A program
+    that imports the package closes down in its own way.
+    """
+    if not _is_command():
+        return
+    for stream in (sys.stdout, sys.stderr):
+        # Either may be closed, or on a full disk.
+        with suppress(OSError, ValueError, AttributeError):
+            stream.flush()
+    os._exit(STATUS)
 
 
 @contextmanager

@@ -406,6 +406,24 @@ def test_an_interruption_that_a_library_disguised(files, monkeypatch):
     failed(run("check", files / "a.xml"), 130, "interrupted")
 
 
+def test_a_library_that_closes_down_badly_does_not_change_the_status(files):
+    code = f"""
+import atexit, os, sys
+import patchtransfer.io
+from patchtransfer.cli import main
+
+def interrupted(_):
+    raise KeyboardInterrupt
+
+atexit.register(os.abort)
+patchtransfer.io.read = interrupted
+sys.argv = ["patchtransfer", "check", {str(files / "a.xml")!r}]
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "error: interrupted; nothing was written\n")
+
+
 @posix
 def test_ctrl_c_is_held_back_not_lost():
     after = []

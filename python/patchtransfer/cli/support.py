@@ -114,8 +114,13 @@ class Commands(click.Group):
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; everything that goes wrong from here on is one line on standard error."""
-        with interruption.caught(), only_own_warnings(), failures(Report(None)):
-            return super().main(*args, **kwargs)
+        try:
+            with interruption.caught(), only_own_warnings(), failures(Report(None)):
+                return super().main(*args, **kwargs)
+        except SystemExit as end:
+            if end.code == INTERRUPTED:
+                interruption.close_at_once()
+            raise
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; before click makes an "Aborted!" with status 1 of an interruption."""
