@@ -179,7 +179,7 @@ impl SplineOptimizer {
         Ok((fields, found.slopes.into_pyarray(py), hessian.into_pyarray(py)))
     }
 
-    #[pyo3(signature = (points, lambda_, max_steps, tolerance, callback=None, seconds=None, scale=None))]
+    #[pyo3(signature = (points, lambda_, max_steps, tolerance, callback=None, seconds=None, scale=None, power=1))]
     #[allow(clippy::too_many_arguments)]
     fn minimise<'py>(
         &mut self,
@@ -191,10 +191,14 @@ impl SplineOptimizer {
         callback: Option<Py<PyAny>>,
         seconds: Option<f64>,
         scale: Option<f64>,
+        power: u32,
     ) -> PyResult<Outcome<'py>> {
+        if power == 0 {
+            return Err(PyValueError::new_err("the power of the energy is at least 1"));
+        }
         let end = Deadline::after(seconds);
         let x = self.shared_points(&points)?;
-        let settings = Settings { lambda: lambda_, max_steps, tolerance, scale };
+        let settings = Settings { lambda: lambda_, power, max_steps, tolerance, scale };
         let mut count = 0_usize;
         let outcome = threads::run_watched(
             py,

@@ -125,7 +125,7 @@ impl Evaluator {
     /// Gradient of the Dirichlet energy `Σ w ‖∇x‖² / 2` on the reference map.
     pub fn dirichlet(&mut self, x: &[[f64; 2]], assembly: &Assembly, gradient: &mut [f64]) {
         gradient.fill(0.0);
-        let parameters = Parameters { scale: 1.0, eps: 1.0, lambda: 0.0 };
+        let parameters = Parameters { scale: 1.0, eps: 1.0, lambda: 0.0, power: 1 };
         self.sweep(x, parameters, Order::Dirichlet, |s, _, b| assembly.scatter_gradient(s, b, gradient));
     }
 
@@ -145,7 +145,7 @@ impl Evaluator {
     /// Values of the Laplacian on the reference map, one for every block.
     pub fn stiffness(&mut self, assembly: &Assembly, values: &mut [f64]) {
         values.fill(0.0);
-        let parameters = Parameters { scale: 1.0, eps: 1.0, lambda: 0.0 };
+        let parameters = Parameters { scale: 1.0, eps: 1.0, lambda: 0.0, power: 1 };
         self.sweep(&[], parameters, Order::Stiffness, |s, e, b| assembly.scatter_scalar(s, e, b, values));
     }
 }

@@ -45,7 +45,7 @@ impl SplineOptimizer {
     ) -> Result<(), SparseError> {
         self.linearised = None;
         let scale = scale.unwrap_or_else(|| self.scale_to_mean(x));
-        let at = Parameters { scale, eps: EPS_FEASIBLE, lambda };
+        let at = Parameters { scale, eps: EPS_FEASIBLE, lambda, power: 1 };
         self.problem.factorize_all_nodes(x, at, kind)?;
         self.linearised = Some(Place { x: x.to_vec(), at });
         Ok(())

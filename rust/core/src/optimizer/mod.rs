@@ -166,7 +166,7 @@ impl SplineOptimizer {
         if let Some(last) = self.judged.as_ref().filter(|last| last.points == x) {
             return last.determinants;
         }
-        let at = Parameters { scale: 1.0, eps: 1.0, lambda: 0.0 };
+        let at = Parameters { scale: 1.0, eps: 1.0, lambda: 0.0, power: 1 };
         let found = self.problem.evaluator.energy(x, at);
         let (min, mean) = (found.min_det, found.mean_det);
         let determinants = if mean > 0.0 { (min / mean, mean) } else { (min, mean) };
@@ -214,7 +214,7 @@ impl SplineOptimizer {
     /// Energy and its gradient with respect to all shared points, fixed ones included; no folds are opened (ε → 0).
     pub fn gradient(&mut self, x: &[[f64; 2]], lambda: f64) -> (f64, Vec<[f64; 2]>) {
         let scale = self.scale_to_mean(x);
-        let at = Parameters { scale, eps: EPS_FEASIBLE, lambda };
+        let at = Parameters { scale, eps: EPS_FEASIBLE, lambda, power: 1 };
         let (found, gradient) = self.problem.evaluator.gradient_everywhere(x, at);
         (found.energy, gradient)
     }
@@ -246,7 +246,8 @@ impl SplineOptimizer {
             stopped.set(stopped.get() || answer.is_break());
             answer
         };
-        let start = if self.coarser.is_empty() {
+        // A power begins where a lower one ended: coarser spaces would only find that again.
+        let start = if self.coarser.is_empty() || settings.power > 1 {
             None
         } else {
             Some(self.coarse_start(x, scale, settings, &mut watch)?)
@@ -272,7 +273,7 @@ impl SplineOptimizer {
     ) -> Result<CoarseStart, SparseError> {
         let coarse = Settings { tolerance: settings.tolerance.max(COARSE_TOLERANCE), ..settings };
         // At the nodes of the finest space.
-        let at = Parameters { scale, eps: EPS_COMPARED, lambda: settings.lambda };
+        let at = Parameters { scale, eps: EPS_COMPARED, lambda: settings.lambda, power: settings.power };
         let before = self.problem.evaluator.energy(x, at);
         let same = CoarseStart { points: x.to_vec(), found: before, settled: false };
         let (mut correction, mut gain, mut stopped) = (vec![], f64::INFINITY, false);

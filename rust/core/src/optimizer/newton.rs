@@ -47,6 +47,8 @@ const SHORTEST: f64 = 1e-8;
 pub struct Settings {
     /// Weight λ of the area term.
     pub lambda: f64,
+    /// Power of the energy density; 1 for the energy itself.
+    pub power: u32,
     /// Newton steps at most.
     pub max_steps: usize,
     /// Stop when the Newton decrement is below this fraction of the energy.
@@ -183,7 +185,7 @@ impl NewtonProblem {
         settings: Settings,
         observe: &mut Observer,
     ) -> Result<Outcome, SparseError> {
-        let at = Parameters { scale, eps: EPS_FEASIBLE, lambda: settings.lambda };
+        let at = Parameters { scale, eps: EPS_FEASIBLE, lambda: settings.lambda, power: settings.power };
         let mut run = self.begin(x, at, settings.tolerance);
         let stop = loop {
             if self.unknowns() == 0 {

@@ -22,6 +22,22 @@ pub(crate) struct Parameters {
     pub eps: f64,
     /// Weight λ of the area term.
     pub lambda: f64,
+    /// Power p of the energy density, relative to its least value: for p = 1 the energy is the mean distortion, for
+    /// large p its p-th root nears the largest.
+    pub power: u32,
+}
+
+/// `(e / e₀)^p` and its first two derivatives by e, where e₀ = 2 + 2 λ is the least that e can be.
+#[inline(always)]
+fn raised(e: Lanes, at: &Parameters) -> (Lanes, Lanes, Lanes) {
+    let least = 1.0 / (2.0 + 2.0 * at.lambda);
+    let ratio = least * e;
+    let mut below = Lanes::splat(1.0);
+    for _ in 0..at.power - 2 {
+        below = below * ratio;
+    }
+    let (p, first) = (f64::from(at.power), below * ratio);
+    (first * ratio, p * least * first, p * (p - 1.0) * least * least * below)
 }
 
 /// Energy, smallest and mean determinant.
@@ -274,14 +290,34 @@ impl Totals {
     }
 }
 
+/// Hessian of the density, raised to its power, with respect to the entries of `A`.
+#[inline(always)]
+fn hessian(a: &[Lanes; 4], at: &Parameters, kind: HessianKind) -> [Lanes; 10] {
+    let mut h = distortion::hessian(a, at.eps, at.lambda, kind);
+    if at.power > 1 {
+        let (energy, _, g) = distortion::gradient(a, at.eps, at.lambda);
+        let (_, slope, bend) = raised(energy, at);
+        // What is added is semidefinite: a projected Hessian stays so.
+        for i in 0..4 {
+            for j in i..4 {
+                h[PACKED[i][j]] = slope * h[PACKED[i][j]] + bend * g[i] * g[j];
+            }
+        }
+    }
+    h
+}
+
 #[inline(always)]
 fn sweep_energy<const FUSED: bool, const RATIONAL: bool>(e: &mut StripKernel) -> Summary {
-    let Parameters { eps, lambda, .. } = e.parameters;
+    let Parameters { eps, lambda, power, .. } = e.parameters;
     let mut totals = Totals::new();
     for row in 0..e.v().nodes() {
         for column in (0..e.nodes.columns).step_by(WIDTH) {
             let (_, w, a) = at_nodes::<FUSED, RATIONAL>(e, row, column);
-            let (energy, det) = distortion::energy(&a, eps, lambda);
+            let (mut energy, det) = distortion::energy(&a, eps, lambda);
+            if power > 1 {
+                energy = raised(energy, &e.parameters).0;
+            }
             totals.add(w, energy, det);
         }
     }
@@ -291,7 +327,7 @@ fn sweep_energy<const FUSED: bool, const RATIONAL: bool>(e: &mut StripKernel) ->
 /// Energy, and its derivatives by the fields (`buffers.by_node`), or what else `WHAT` asks for.
 #[inline(always)]
 fn sweep_gradient<const FUSED: bool, const RATIONAL: bool, const WHAT: u8>(e: &mut StripKernel) -> Summary {
-    let Parameters { eps, lambda, .. } = e.parameters;
+    let Parameters { eps, lambda, power, .. } = e.parameters;
     let (columns, n_v) = (e.nodes.columns, e.strip.shape[1]);
     let mut by_field = std::mem::take(&mut e.buffers.by_node);
     cleared(&mut by_field, 4 * n_v * columns);
@@ -300,11 +336,16 @@ fn sweep_gradient<const FUSED: bool, const RATIONAL: bool, const WHAT: u8>(e: &m
         for column in (0..columns).step_by(WIDTH) {
             let (t, w, a) = at_nodes::<FUSED, RATIONAL>(e, row, column);
             let (energy, det, g) = match WHAT {
+                ENERGY if power > 1 => {
+                    let (energy, det, g) = distortion::gradient(&a, eps, lambda);
+                    let (energy, slope, _) = raised(energy, &e.parameters);
+                    (energy, det, g.map(|g| slope * g))
+                }
                 ENERGY => distortion::gradient(&a, eps, lambda),
                 DIRICHLET => (Lanes::ZERO, Lanes::ZERO, a),
                 _ => {
                     let moved = add_jacobian::<FUSED, RATIONAL>(e, 1, row, column, [Lanes::ZERO; 4]);
-                    let h = distortion::hessian(&a, eps, lambda, HessianKind::Exact);
+                    let h = hessian(&a, &e.parameters, HessianKind::Exact);
                     (Lanes::ZERO, Lanes::ZERO, times(&h, &relative(&moved, &t)))
                 }
             };

@@ -3,8 +3,8 @@
 //! It is contracted row of functions by row of functions: what several spans of the second direction add to a pair of
 //! rows is gathered before the first direction is touched, which a span at a time would do over and over.
 
-use super::{PACKED, StripKernel, at_nodes, cleared, quotient};
-use crate::distortion::{self, HessianKind};
+use super::{PACKED, StripKernel, at_nodes, cleared, hessian, quotient};
+use crate::distortion::HessianKind;
 use crate::numeric::lanes::{Lanes, WIDTH, fused};
 use crate::optimizer::axis::Axis;
 
@@ -20,7 +20,7 @@ fn second_derivatives<const FUSED: bool, const RATIONAL: bool>(
     column: usize,
 ) -> [Lanes; 10] {
     let (t, w, a) = at_nodes::<FUSED, RATIONAL>(e, row, column);
-    let h = distortion::hessian(&a, e.parameters.eps, e.parameters.lambda, kind);
+    let h = hessian(&a, &e.parameters, kind);
     // T H Tᵀ for a pair of components.
     let turned = |h00: Lanes, h01: Lanes, h10: Lanes, h11: Lanes| {
         let (r00, r01) = (t[0] * h00 + t[1] * h10, t[0] * h01 + t[1] * h11);

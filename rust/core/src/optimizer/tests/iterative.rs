@@ -28,7 +28,7 @@ proptest! {
         }
         let mut optimizer = SplineOptimizer::new(model, free.clone(), None).unwrap();
         let problem = &mut optimizer.problem;
-        let at = Parameters { scale: 1.0, eps: 1e-2, lambda: 0.3 };
+        let at = Parameters { scale: 1.0, eps: 1e-2, lambda: 0.3, power: 1 };
         let pattern = &problem.assembly.pattern;
         let mut values = vec![0.0; 4 * pattern.blocks()];
         problem.evaluator.hessian(&x, at, HessianKind::Projected, &problem.assembly, &mut values);
