@@ -317,4 +317,5 @@ class SplineOptimizer:
         callback: Callable[[int, float, float], None] | None = None,
         seconds: float | None = None,
         scale: float | None = None,
+        power: int = 1,
     ) -> tuple[FloatArray, float, float, FloatArray, str]: ...

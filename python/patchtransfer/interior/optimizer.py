@@ -222,15 +222,17 @@ class SplineOptimizer:
         tolerance: float = TOLERANCE,
         seconds: float | None = None,
         scale: float | None = None,
+        power: int = 1,
     ) -> OptimizedMap:
         """Minimise the distortion energy from `points` (n_points, 2); boundary points stay.
 
         Stops where a Newton step would lower the energy by less than the fraction `tolerance`; with `ROUGH` from a
         smooth start (a harmonic map) already in coarser spaces where the last of them gained no more than that.
         Ctrl-C and the limit of `seconds` are honoured between Newton steps. All Jacobians are multiplied by `scale`, by
-        default that which gives `points` the mean determinant 1.
+        default that which gives `points` the mean determinant 1. With a `power` p the density of the energy, relative
+        to its least value, is raised to it: for large p the minimum is that of the largest distortion.
         """
-        out = self._core.minimise(points, area_weight, max_steps, tolerance, progress, seconds, scale)
+        out = self._core.minimise(points, area_weight, max_steps, tolerance, progress, seconds, scale, power)
         return OptimizedMap(*out, Measure(*self._nodes, area_weight))
 
 
