@@ -12,7 +12,7 @@ import models
 import patchtransfer as pt
 import real
 from patchtransfer.cli import main
-from patchtransfer.sources.layout import rectangles
+from patchtransfer.geometry.rectangles import rectangles
 from shapes import circle, loop
 
 # Three quads around an interior vertex: a hexagon.

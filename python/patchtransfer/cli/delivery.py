@@ -93,6 +93,10 @@ def summary(content: dict[str, Any], output: str | None) -> None:
     lines += quality_lines(metrics)
     if "corner_bound" in content:
         add("  corners allow at most", _number(content["corner_bound"]))
+    if content.get("polish") is not None:
+        from ..interior.polish import PolishReport
+
+        add("  polish", PolishReport.from_dict(content["polish"]).words)
     if content.get("similarity") is not None:
         from ..measure.similarity import Similarity
 

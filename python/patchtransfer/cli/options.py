@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -21,6 +21,7 @@ __all__ = [
     "json_option",
     "keep_uncertified_option",
     "outline_options",
+    "polish_option",
     "polynomial_option",
     "transfer_options",
     "verbose_option",
@@ -51,6 +52,20 @@ def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[
 def polynomial_option(text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """The option that makes a rational model polynomial, with its help."""
     return click.option("--polynomial", type=float, metavar="TOL", help=text)
+
+
+def polish_option(
+    goals: Sequence[str], default: str, text: str
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option for a polish, with its help; "none" is None."""
+    return click.option(
+        "--polish",
+        type=click.Choice([*goals, "none"]),
+        default=default,
+        show_default=True,
+        callback=lambda context, parameter, value: None if value == "none" else value,
+        help=text,
+    )
 
 
 def outline_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -147,6 +162,12 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
                 default="target",
                 show_default=True,
                 help="Speeds and frames that continuity rows follow: the map's, or the source's, as for all targets.",
+            ),
+            polish_option(
+                CHOICES["polish"],
+                "none",
+                "Make the worst place better, proved: the smallest scaled Jacobian, or the largest dilatation of the "
+                "map from the source.",
             ),
             click.option(
                 "--fixed-correspondence/--sliding-joints",

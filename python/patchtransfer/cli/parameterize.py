@@ -6,6 +6,7 @@ from functools import partial
 
 import click
 
+from ..interior.polish import GOALS
 from ..progress import Clock
 from .delivery import deliver, draw_patches, leave
 from .options import (
@@ -15,6 +16,7 @@ from .options import (
     json_option,
     keep_uncertified_option,
     outline_options,
+    polish_option,
     verbose_option,
 )
 from .support import Report, check_outputs, failures, keep_inputs, set_threads
@@ -40,6 +42,7 @@ __all__ = ["parameterize"]
 )
 @continuity_option("c0")
 @fit_tolerance_option
+@polish_option(GOALS[:1], GOALS[0], "Make the smallest scaled Jacobian of the best layout better, proved.")
 @click.option("--time-limit", type=float, metavar="S", help="Seconds after which no further layout is tried.")
 @keep_uncertified_option
 @outline_options
@@ -57,6 +60,7 @@ def parameterize(
     prefer: str,
     continuity: str,
     fit_tolerance: float,
+    polish: str | None,
     time_limit: float | None,
     keep_uncertified: bool,
     plot_path: str | None,
@@ -93,6 +97,7 @@ def parameterize(
                 prefer=prefer,
                 continuity=continuity,
                 fit_tolerance=fit_tolerance,
+                polish=polish,
                 time_limit=time_limit,
                 on_failure="return" if keep_uncertified else "raise",
                 progress=progress,

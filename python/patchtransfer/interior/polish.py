@@ -1,74 +1,190 @@
-"""Polish: the largest distortion pushed down, by minima of ever higher powers of the energy density.
+"""Polish: the worst place of a map made better, by minima of ever higher powers of the energy density.
 
-The optimiser's minima have the least mean distortion, and a few places, corners mostly, bear the largest. With the p-norm
-``(Σ w (f / f₀)^p)^(1/p)`` of the density f, whose least value is f₀, the largest counts ever more; each power starts from
-the minimum of the one before. What such a map is worth is not said by its nodes: every one is certified, and kept only if
-the number that was asked for, proved everywhere, is better.
+The optimiser's minima have the least mean distortion, and a few places, corners mostly, bear the largest. In the p-norm
+``(Σ w (f / f₀)^p)^(1/p)`` of the density f, whose least value is f₀, the largest counts ever more; each power starts
+from the minimum of the one before. What such a map is worth is not said by its nodes: every one is certified, and kept
+only if the number that was asked for, proved everywhere, is better.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-from ..numeric.arrays import FloatArray
+from ..geometry.multipatch import MultiPatch
+from ..geometry.patch import Patch
+from ..geometry.rectangles import rectangles
+from ..measure.bounds import can_be_proved, proved_quality
+from ..measure.common_layout import same_layout
+from ..measure.quality import quality
+from ..measure.similarity import similarity
+from ..numeric.arrays import FloatArray, finite_or_none
+from ..progress import Budget
 from ..proof.certificate import Certificate
-from .optimizer import AREA_WEIGHT, SplineOptimizer
+from .optimizer import AREA_WEIGHT, Certify, SplineOptimizer
 
-__all__ = ["POWERS", "Polished", "polished"]
+__all__ = ["GOALS", "Goal", "PolishReport", "goal_of", "polished", "scaled_jacobian_goal"]
 
+GOALS = ("scaled_jacobian", "dilatation")
 #: Powers, each twice the last: from one minimum to the next few Newton steps are needed.
 POWERS = (2, 4, 8, 16, 32)
 #: Newton steps for a power, and the decrement at which they end: it is the next power's start.
 STEPS, TOLERANCE = 20, 1e-4
 #: Worse so many times in a row: higher powers trade the number away.
 PATIENCE = 2
+#: How far proved bounds are apart, and so the least gain that is one.
+WIDTH = 1e-3
+#: Of what is left out at a degenerate corner, relative to the span: up to the second of the samples there.
+LEFT_OUT = 1 / 9
 
 
-class Polished(NamedTuple):
-    """A map that is better in the number asked for, and which power it is the minimum of; 1 for the map as it was."""
+class Goal(NamedTuple):
+    """What a map is to be better in.
+
+    `worth` is a proved number from 0 to 1, 1 being the best, and `reference` what distortion is measured against on
+    the way there. `reason` says why nothing can be proved, where that is so.
+    """
+
+    name: str
+    worth: Callable[[MultiPatch], float]
+    reference: Sequence[Patch]
+    reason: str | None = None
+
+    def number(self, worth: float) -> float:
+        """What was asked for, of a worth."""
+        if self.name == GOALS[0]:
+            return worth
+        return 1 / worth if worth > 0 else math.inf
+
+
+@dataclass(frozen=True)
+class PolishReport:
+    """What a polish came to.
+
+    Attributes
+    ----------
+    goal : {"scaled_jacobian", "dilatation"}
+    power : int
+        Of the energy density whose minimum the map is; 1 where no power gave a better one.
+    before, after : float
+        The number asked for, proved: the smallest scaled Jacobian from below, or the largest dilatation from above.
+    """
+
+    goal: str
+    power: int
+    before: float
+    after: float
+
+    @property
+    def words(self) -> str:
+        """What it came to, as said in reports."""
+        what = "minimum scaled Jacobian" if self.goal == GOALS[0] else "dilatation"
+        if self.power == 1:
+            return f"no map with a better {what} than {self.before:.4g} was found"
+        return f"{what} {self.before:.4g} -> {self.after:.4g}, proved (power {self.power})"
+
+    def __str__(self) -> str:
+        return f"polish: {self.words}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "goal": self.goal,
+            "power": self.power,
+            "before": finite_or_none(self.before),
+            "after": finite_or_none(self.after),
+        }
+
+    @staticmethod
+    def from_dict(data: dict[str, Any]) -> PolishReport:
+        """Of `to_dict`."""
+        before, after = (math.inf if data[name] is None else data[name] for name in ("before", "after"))
+        return PolishReport(data["goal"], data["power"], before, after)
+
+
+def goal_of(name: str, source: MultiPatch, mp: MultiPatch, degenerate: Sequence[tuple[int, int]]) -> Goal:
+    """One of `GOALS` for a map, by its name."""
+    return scaled_jacobian_goal(mp, degenerate) if name == GOALS[0] else dilatation_goal(source)
+
+
+def scaled_jacobian_goal(mp: MultiPatch, degenerate: Sequence[tuple[int, int]] = (), least_mean: float = 0.0) -> Goal:
+    """The smallest scaled Jacobian, but at degenerate corners; with the mean of samples at least as given.
+
+    Distortion is measured against rectangles with the patches' mean sides: a source's own angles need not be right
+    ones.
+    """
+    corners = [[corner for patch, corner in degenerate if patch == k] for k in range(len(mp))]
+
+    def worth(mp: MultiPatch) -> float:
+        if least_mean > 0 and quality(mp, exclude=degenerate).scaled_jacobian.mean < least_mean:
+            return 0.0
+        return proved_quality(mp, corners, LEFT_OUT, WIDTH).min_scaled_jacobian.lower
+
+    reason = None if can_be_proved(mp) else "degrees are too high for a proof of the scaled Jacobian"
+    return Goal(GOALS[0], worth, rectangles(mp), reason)
+
+
+def dilatation_goal(source: MultiPatch) -> Goal:
+    """The largest dilatation of the map from the source."""
+
+    def worth(mp: MultiPatch) -> float:
+        return 1 / similarity(source, mp, bounds=False, width=WIDTH).dilatation.upper
+
+    return Goal(GOALS[1], worth, source.patches, same_layout(source, source))
+
+
+class Better(NamedTuple):
+    """A map that is better in what was asked for, and its proof."""
 
     points: FloatArray
     certificate: Certificate
-    worth: float
-    power: int
 
 
 def polished(
-    optimizer: SplineOptimizer,
-    start: Polished,
-    certify: Callable[[FloatArray], Certificate],
-    worth: Callable[[FloatArray], float],
-    expired: Callable[[], bool],
-) -> Polished:
-    """The best of the minima of higher powers, or the start.
+    goal: Goal,
+    make: Callable[[Sequence[Patch]], SplineOptimizer],
+    points: FloatArray,
+    model: Callable[[FloatArray], MultiPatch],
+    certify: Certify,
+    budget: Budget,
+) -> tuple[Better | None, PolishReport]:
+    """The best of the minima of higher powers; None if the map as it was is the best.
 
     Parameters
     ----------
-    optimizer : SplineOptimizer
-        With the null space of the rows that are to hold.
-    start : Polished
+    goal : Goal
+    make : callable
+        ``make(reference)`` gives an optimizer, with the null space of the rows that are to hold.
+    points : (n_points, 2) array
         A certified map under these rows.
-    certify, worth : callable
-        Proof for a map, and the number that should be large.
-    expired : callable
-        Whether no time is left.
+    model : callable
+        Shared control points to the model.
+    certify : callable
+        Shared control points to certificate.
+    budget : Budget
     """
-    best, points, worse = start, start.points, 0
+    optimizer = make(goal.reference)
+    before = most = goal.worth(model(points))
+    best, best_power, worse = None, 1, 0
     for power in POWERS:
-        if expired():
+        steps = budget.steps(optimizer.step_cost, STEPS)
+        if not steps:
             break
-        found = optimizer.minimise(points, AREA_WEIGHT, STEPS, tolerance=TOLERANCE, power=power)
+        found = optimizer.minimise(
+            points, AREA_WEIGHT, steps, tolerance=TOLERANCE, seconds=budget.seconds_left(), power=power
+        )
+        budget.spend(len(found.history) * optimizer.step_cost)
         if not found.min_determinant > 0:
             break
         points = found.points
-        number = worth(points)
-        if number > best.worth:
-            certificate = certify(points)
-            if certificate.injective:
-                best, worse = Polished(points, certificate, number, power), 0
-                continue
+        worth = goal.worth(model(points))
+        proof = certify(points) if worth > most * (1 + WIDTH) else None
+        if proof is not None and proof.injective:
+            most, best, best_power, worse = worth, Better(points, proof), power, 0
+            continue
         worse += 1
         if worse == PATIENCE:
             break
-    return best
+    return best, PolishReport(goal.name, best_power, goal.number(before), goal.number(most))

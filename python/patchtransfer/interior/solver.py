@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -21,8 +21,9 @@ from ..geometry.topology import Spoke
 from ..measure.quality import quality
 from ..numeric.arrays import FloatArray
 from ..numeric.compressed import Compressed
-from ..progress import Budget, Clock, Progress, StopReason, reporter
+from ..progress import Budget, Clock, Progress, reporter
 from ..proof.certificate import BoundaryReport, Certificate, certify
+from .interior_map import InteriorMap
 from .optimizer import (
     MAX_STEPS,
     ROUGH,
@@ -33,6 +34,7 @@ from .optimizer import (
     optimize_with_ladder,
     step_cost,
 )
+from .polish import Goal, polished
 from .spoilt import SPOILT, spoilt_vertices
 from .under_g1 import with_better_middles
 from .under_rows import ROW_ROUNDS, ActiveRows, MakeRows, best_under_rows, optimize_under_rows, rows_summary
@@ -41,7 +43,7 @@ if TYPE_CHECKING:
     from ..paper.method import PaperHistory
     from ..paper.options import PaperOptions
 
-__all__ = ["CONTINUITY", "InteriorMap", "InteriorSolver"]
+__all__ = ["CONTINUITY", "InteriorSolver"]
 
 CONTINUITY = ("c0", "c1", "g1")
 #: Diameters from the origin beyond which a target is brought there to be solved.
@@ -50,39 +52,6 @@ FAR = 100.0
 ROWS_SHARE = 0.65
 #: Optimizers under rows that a thread keeps, one a pattern of the null-space basis: of C1, and of exact G1 twice.
 KEPT_PATTERNS = 3
-
-
-@dataclass(frozen=True, eq=False)
-class InteriorMap:
-    """Control points for a boundary, and how they were found.
-
-    Attributes
-    ----------
-    points : (n_points, 2) array
-        Shared control points.
-    certificate : Certificate
-    log : list of str
-        What each rung of the method did.
-    notes : list of str
-        Warnings: where a stage had to deviate.
-    rows : ActiveRows, optional
-        The continuity rows that hold.
-    history : PaperHistory, optional
-        Of ``method="paper"``.
-    """
-
-    points: FloatArray
-    certificate: Certificate
-    log: list[str]
-    notes: list[str]
-    rows: ActiveRows | None = None
-    history: PaperHistory | None = None
-
-    @property
-    def stopped(self) -> StopReason | None:
-        """Why the search that came last was ended, if its budget ended it."""
-        last = self.log[-1] if self.log else None
-        return last if isinstance(last, StopReason) else None
 
 
 class _Kept(threading.local):
@@ -153,11 +122,22 @@ class InteriorSolver:
         the proof is for the points as they are put back. All certificates share `boundary`, the proof of its loops.
         """
         check = partial(self.certify, clock=clock, boundary=boundary)
+        near, centre, back = self._near_origin(start)
+        found = self._certified(near, degenerate, lambda points: check(back(points)), progress, clock, budget)
+        if centre is None:
+            return found
+        rows = found.rows and found.rows.moved(centre, float(np.linalg.norm(np.ptp(start, axis=0))))
+        return replace(found, points=back(found.points), rows=rows)
+
+    def _near_origin(
+        self, start: FloatArray
+    ) -> tuple[FloatArray, FloatArray | None, Callable[[FloatArray], FloatArray]]:
+        """Points near the origin, how far they were brought if they were, and what brings such points back."""
         on = self.source.topology.boundary_points
         fixed = start[on]
         centre, diameter = fixed.mean(axis=0), float(np.linalg.norm(np.ptp(fixed, axis=0)))
         if float(np.linalg.norm(centre)) <= FAR * diameter:
-            return self._certified(start, degenerate, check, progress, clock, budget)
+            return start, None, lambda points: points
 
         def back(points: FloatArray) -> FloatArray:
             there = np.array(points + centre)
@@ -165,10 +145,45 @@ class InteriorSolver:
             there[on] = fixed
             return there
 
-        moved = start - centre
-        found = self._certified(moved, degenerate, lambda points: check(back(points)), progress, clock, budget)
-        rows = found.rows and found.rows.moved(centre, diameter)
-        return replace(found, points=back(found.points), rows=rows)
+        return start - centre, centre, back
+
+    def polished(
+        self,
+        found: InteriorMap,
+        goal: Goal,
+        degenerate: Sequence[tuple[int, int]],
+        clock: Clock,
+        budget: Budget,
+        boundary: BoundaryReport | None = None,
+    ) -> InteriorMap:
+        """A certified map with a better worst place, under the rows that it satisfies."""
+        if goal.reason is not None:
+            return replace(found, notes=[*found.notes, f"polish={goal.name!r} is left out: {goal.reason}"])
+        rows, space = found.rows, found.rows.space if found.rows is not None else None
+        make = partial(
+            SplineOptimizer,
+            self.source.topology,
+            excluded_corners=sorted(degenerate),
+            null_space=None if space is None else space.columns,
+        )
+        near, _, back = self._near_origin(found.points)
+        with clock("polish") as stage:
+            best, report = polished(
+                goal,
+                make,
+                near,
+                lambda points: self.model(back(points)),
+                lambda points: self.certify(back(points), clock, boundary),
+                budget,
+            )
+            stage.found = str(report)
+        found = replace(found, log=[*found.log, str(report)], polish=report)
+        if best is None:
+            return found
+        if rows is not None and space is not None:
+            left = space.residual(best.points) / float(np.linalg.norm(np.ptp(near, axis=0)))
+            rows = replace(rows, residual=max(rows.residual, left))
+        return replace(found, points=back(best.points), certificate=best.certificate, rows=rows)
 
     def _certified(
         self,

@@ -13,7 +13,9 @@ from ..fitting.fit import FittedBoundary
 from ..fitting.legs import with_legs
 from ..geometry.multipatch import MultiPatch
 from ..gradients.frozen import freeze
-from ..interior.solver import InteriorMap, InteriorSolver
+from ..interior.interior_map import InteriorMap
+from ..interior.polish import goal_of
+from ..interior.solver import InteriorSolver
 from ..measure.bounds import can_be_proved
 from ..measure.quality import Quality, quality
 from ..proof.certificate import check_boundary
@@ -140,7 +142,13 @@ def solve(posed: Posed, boundary: SourceBoundary, interior: InteriorSolver, run:
         return posed, interior.paper(start, run.clock, run.budget, posed.report, run.options.paper_options)
     report = check_boundary(boundary.curves(start), posed.report)
     if report.simple:
-        return posed, interior.certified(start, posed.degenerate, run.progress, run.clock, run.budget, report)
+        found = interior.certified(start, posed.degenerate, run.progress, run.clock, run.budget, report)
+        if run.options.polish is not None and found.certificate.injective:
+            # Not of what is left to the search, which may have spent all.
+            part = run.part(1).budget
+            goal = goal_of(run.options.polish, interior.source, interior.model(found.points), posed.degenerate)
+            found = interior.polished(found, goal, posed.degenerate, run.clock, part, report)
+        return posed, found
     failure = no_proof(report, Registered(posed.registration, posed.doubt))
     found = interior.unproved(start, posed.degenerate, run.progress, run.clock, run.budget, failure.reason, report)
     return replace(posed, failure=failure), found
@@ -189,6 +197,7 @@ def measure(
         paper_history=found.history,
         sliding=sliding,
         stopped=stopped,
+        polish=found.polish,
         _source=interior.source,
         _freeze=partial(freeze, interior, space, posed.degenerate, found.points),
     )

@@ -9,6 +9,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Self, TypedDict, cast
 
 from ..errors import InputError
+from ..interior.polish import GOALS
 from ..progress import Budget, Clock, Progress
 
 if TYPE_CHECKING:
@@ -26,7 +27,10 @@ CHOICES = {
     "correspondence": ("best", "runner-up"),
     "on_failure": ("raise", "return"),
     "ratios": ("target", "source"),
+    "polish": GOALS,
 }
+#: Options that may be None: the plan's own, or nothing.
+OPEN = ("ratios", "polish")
 
 
 class SearchOptions(TypedDict, total=False):
@@ -43,6 +47,7 @@ class SearchOptions(TypedDict, total=False):
     paper_options: PaperOptions | None
     c1_share: float | None
     ratios: str | None
+    polish: str | None
 
 
 class TransferOptions(SearchOptions, total=False):
@@ -74,11 +79,12 @@ class Options:
     paper_options: PaperOptions | None = None
     c1_share: float | None = None
     ratios: str | None = None
+    polish: str | None = None
 
     def __post_init__(self) -> None:
         for name, choices in CHOICES.items():
             value = getattr(self, name)
-            if value not in choices and not (name == "ratios" and value is None):
+            if value not in choices and not (name in OPEN and value is None):
                 raise InputError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
         if not (_number(self.fit_tolerance) and 0 < self.fit_tolerance < 1):
             raise InputError(f"fit_tolerance must lie between 0 and 1, got {self.fit_tolerance!r}")
@@ -91,6 +97,8 @@ class Options:
             raise InputError('c1_share inserts knots with method="certified" only; leave it out')
         if self.method == "paper" and self.fixed_correspondence is not None and not self.fixed_correspondence:
             raise InputError('joints slide with method="certified" only; leave fixed_correspondence out')
+        if self.method == "paper" and self.polish is not None:
+            raise InputError('polish is for method="certified" only; leave it out')
         if self.paper_options is not None:
             self._check_paper_options()
 

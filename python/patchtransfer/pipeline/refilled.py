@@ -11,7 +11,8 @@ from ..errors import InputError
 from ..geometry.multipatch import MultiPatch
 from ..geometry.straight_corners import corner_triangles, straighten
 from ..gradients.frozen import Frozen, freeze
-from ..interior.solver import InteriorMap, InteriorSolver
+from ..interior.interior_map import InteriorMap
+from ..interior.solver import InteriorSolver
 from ..progress import Budget, Clock, Progress
 from ..proof.certificate import Certificate, check_boundary
 from ..proof.feasibility import check_corners, check_report

@@ -14,6 +14,7 @@ from ..geometry.display import as_page
 from ..geometry.labels import plain
 from ..geometry.multipatch import MultiPatch
 from ..gradients.frozen import Frozen
+from ..interior.polish import PolishReport
 from ..interior.under_rows import ActiveRows
 from ..measure.common_layout import same_layout
 from ..measure.continuity import ContinuityReport, check_continuity
@@ -89,6 +90,8 @@ class TransferResult:
         Energies of the sliding joints' rounds; None where no joints were to slide.
     stopped : str or None
         Why the search ended early, where its time or its budget of steps did not suffice.
+    polish : PolishReport or None
+        What a polish came to; None where none was asked for, or nothing could be proved (a warning says why).
     refined : bool
         Whether the source got more knots, so that the result's spline space is not the source's.
     split : SourceSplit or None
@@ -122,6 +125,7 @@ class TransferResult:
     paper_history: PaperHistory | None = None
     sliding: SlideReport | None = None
     stopped: str | None = None
+    polish: PolishReport | None = None
     refined: bool = False
     split: SourceSplit | None = None
     split_in_vain: bool = False
@@ -143,10 +147,15 @@ class TransferResult:
         NotCertifiedError
             When the map is not certified.
         InputError
-            When the result comes from another process.
+            When the map is polished, or the result comes from another process.
         """
         if not self.certificate.injective:
             raise NotCertifiedError(f"freeze: the map is not certified ({self.certificate.status})", self)
+        if self.polish is not None and self.polish.power > 1:
+            raise InputError(
+                "freeze: the map is polished, and derivatives are those of a minimum of the energy itself, which it is "
+                "no more; transfer without polish (polish=None)"
+            )
         if self._freeze is None:
             raise InputError(
                 "freeze: this result comes from another process, and its plan is there; "
@@ -223,6 +232,7 @@ class TransferResult:
             },
             "labels": plain(self.multipatch.sides),
             "method": self.method,
+            "polish": None if self.polish is None else self.polish.to_dict(),
             "log": list(self.log),
             "paper_history": None if self.paper_history is None else self.paper_history.to_dict(),
             "timings": self.timings,

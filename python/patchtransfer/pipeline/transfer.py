@@ -97,6 +97,11 @@ def transfer(
         Whether continuity rows follow the speeds and frames of the C0 solution, or those of the source. The source's
         are the same for all targets, so that all results lie in one linear space, but for rows that are released: what
         is interpolated between two of them keeps the rows that both have.
+    polish : {"scaled_jacobian", "dilatation"}, optional
+        What the worst place of the map is to be better in, under the same rows, at about the time of the transfer again
+        (``docs/stages/polish.md``): the smallest scaled Jacobian, or the largest dilatation of the map from the source.
+        The proved number is never worse; the result's ``polish`` tells. Mean distortion is no longer the least, so that
+        such a result has no `freeze`. Default none.
 
     Returns
     -------

@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..geometry.basis import greville, knot_spans
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..geometry.outline import Outline
-from ..geometry.patch import Patch
+from ..geometry.rectangles import rectangle, rectangles
 from ..numeric.arrays import FloatArray
 from ..pipeline.plan import TransferPlan
 from ..pipeline.result import TransferResult
@@ -31,7 +30,7 @@ from .drawing import circle_drawing, harmonic_drawing
 from .layout_places import LoopPlaces, off_boundary, places_on_boundary
 from .quad_layout import QuadLayout, bilinear_patches, convex
 
-__all__ = ["QuadLayout", "from_layout", "rectangles"]
+__all__ = ["QuadLayout", "from_layout"]
 
 
 #: A boundary corner this close to a layout vertex (relative to the loop's length) is at the vertex.
@@ -113,7 +112,7 @@ def from_layout(
     else:
         places = places_on_boundary(layout.graph, boundary, assignment)
         guess = _guess(layout, places)
-        shape = [_rectangle(patch, 1) for patch in bilinear_patches(guess, layout.quads, degree, spans)]
+        shape = [rectangle(patch, 1) for patch in bilinear_patches(guess, layout.quads, degree, spans)]
         layout = _drawn(layout, places, guess)
         start = layout.multipatch(degree, spans)
         landmarks = np.concatenate([np.column_stack([layout.vertices[x.vertices], x.points]) for x in places])
@@ -176,20 +175,6 @@ def _drawn(layout: QuadLayout, places: Sequence[LoopPlaces], guess: FloatArray) 
             "its vertices cut a part of the layout off the rest; split the quad"
         )
     return QuadLayout(drawing, layout.quads)
-
-
-def rectangles(multipatch: MultiPatch) -> list[Patch]:
-    """For every patch a rectangle with its mean side lengths, on its knots and with its orientation."""
-    pairs = zip(multipatch.patches, multipatch.topology.orientation, strict=True)
-    return [_rectangle(patch, int(sign)) for patch, sign in pairs]
-
-
-def _rectangle(patch: Patch, sign: int) -> Patch:
-    c = patch.control_points
-    width, height = (np.linalg.norm(np.diff(c, axis=a), axis=2).sum(axis=a).mean() for a in (0, 1))
-    grid = np.meshgrid(*(greville(k, p) for k, p in zip(patch.knots, patch.degrees, strict=True)), indexing="ij")
-    lengths = np.array([float(np.ptp(knot_spans(k))) for k in patch.knots])
-    return patch.with_control_points(np.stack(grid, axis=2) * ([width, sign * height] / lengths))
 
 
 def _landmarks(layout: QuadLayout, boundary: Boundary, assignment: Mapping[int, Sequence[float]]) -> FloatArray:

@@ -10,11 +10,12 @@ from ...errors import InfeasibleTargetError, InputError
 from ...geometry.boundary import Boundary
 from ...geometry.curve import BSplineCurve
 from ...geometry.outline import Outline
+from ...geometry.rectangles import rectangles
 from ...measure.quality import sample
 from ...numeric.arrays import FloatArray
 from ...pipeline.plan import TransferPlan
 from ...pipeline.result import TransferResult
-from ..layout import from_layout, rectangles
+from ..layout import from_layout
 from .assembly import AbstractLayout
 from .reasons import NoLayoutError
 from .with_places import with_places

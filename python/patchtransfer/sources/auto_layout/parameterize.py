@@ -12,7 +12,10 @@ from ...errors import InfeasibleTargetError, InputError
 from ...geometry.boundary import Boundary
 from ...geometry.multipatch import MultiPatch
 from ...geometry.outline import Outline, hausdorff
-from ...interior.solver import CONTINUITY
+from ...geometry.rectangles import rectangles
+from ...interior.interior_map import InteriorMap
+from ...interior.polish import GOALS, scaled_jacobian_goal
+from ...interior.solver import CONTINUITY, InteriorSolver
 from ...limits import MAX_LAYOUT_DEGREE, MAX_LAYOUT_POINTS, at_most
 from ...measure.bounds import can_be_proved
 from ...measure.quality import quality
@@ -20,10 +23,9 @@ from ...numeric.arrays import FloatArray, IntArray
 from ...pipeline.options import Options
 from ...pipeline.plan import TransferPlan
 from ...pipeline.result import NotCertifiedError, TransferResult, failure_of
-from ...progress import Clock
+from ...progress import Budget, Clock
 from ...proof.certificate import certify
 from ...proof.feasibility import check_loops
-from ..layout import rectangles
 from ..quad_layout import QuadLayout
 from .assembly import AbstractLayout
 from .convex import convex_layout
@@ -44,6 +46,8 @@ MOST_FILLED, MOST_PATCHES = 16, 800
 MOST_SLID, MOST_SLID_PATCHES = 3, 150
 #: Times that a layout gets edges where its sides miss the outline.
 REPAIRS = 3
+#: Mean scaled Jacobian that a polish may cost: what is no loss where the mean is .99.
+LOST = 0.002
 #: Told (stage, number of what is done there).
 Tell = Callable[[str, int], None]
 
@@ -60,6 +64,7 @@ class _Wishes:
     corner_patches: Mapping[tuple[int, int], int] | None
     continuity: str
     fit_tolerance: float
+    polish: str | None
     deadline: float
 
     def late(self) -> bool:
@@ -87,6 +92,7 @@ def parameterize(
     corner_patches: Mapping[tuple[int, int], int] | None = None,
     continuity: str = "c0",
     fit_tolerance: float = 1e-3,
+    polish: str | None = "scaled_jacobian",
     time_limit: float | None = None,
     on_failure: str = "raise",
     progress: Tell | None = None,
@@ -115,6 +121,8 @@ def parameterize(
         Across patches, as of `transfer`.
     fit_tolerance : float, default 1e-3
         Boundary error, relative to the diameter.
+    polish : {"scaled_jacobian", None}, default "scaled_jacobian"
+        Whether the smallest scaled Jacobian of the patches of the best layout is made better, as by `transfer`.
     time_limit : float, optional
         Seconds after which no further layout is tried.
     on_failure : {"raise", "return"}, default "raise"
@@ -155,6 +163,7 @@ def parameterize(
         corner_patches,
         continuity,
         fit_tolerance,
+        polish,
         np.inf if time_limit is None else time.monotonic() + time_limit,
     )
     _check(boundary, wishes, time_limit, on_failure)
@@ -202,10 +211,12 @@ def _check(boundary: Boundary, wishes: _Wishes, time_limit: float | None, on_fai
         "prefer": (wishes.prefer, ("few", "quality")),
         "symmetric": (wishes.symmetric, ("auto", "never")),
         "continuity": (wishes.continuity, CONTINUITY),
+        # There is no source that a dilatation could be of.
+        "polish": (wishes.polish, (GOALS[0], None)),
     }
     for name, (value, allowed) in choices.items():
         if value not in allowed:
-            raise InputError(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
+            raise InputError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}")
     # What a transfer has as well is checked as there.
     Options(fit_tolerance=wishes.fit_tolerance, on_failure=on_failure, time_limit=time_limit)
     numbers = {"degree": wishes.degree, "spans": wishes.spans, "max_patches": wishes.max_patches}
@@ -356,6 +367,9 @@ def _finished(best: Candidate, task: _Task, log: list[str]) -> TransferResult:
         log.append(f"boundary error {result.boundary_error:.1e}: knots are inserted where sides miss the outline")
         result = _joined(result.multipatch, task, "c0", refine="tolerance")
     elif best.reason is None:
+        wanted = task.wishes.polish is not None and task.wishes.continuity == "c0"
+        if wanted and result.certificate.status == "certified":
+            result = _polished(result, log)
         result = _symmetric(best, result, task, log)
     if task.wishes.continuity != "c0" and result.certificate.injective:
         source = result.multipatch
@@ -363,6 +377,26 @@ def _finished(best: Candidate, task: _Task, log: list[str]) -> TransferResult:
             source = source.reduce_continuity(task.wishes.degree - 2)
         result = _joined(source, task, task.wishes.continuity)
     return result
+
+
+def _polished(result: TransferResult, log: list[str]) -> TransferResult:
+    """The same boundary with a better worst place inside."""
+    start, clock = result.multipatch, Clock()
+    solver = InteriorSolver(start, "c0")
+    found = solver.polished(
+        InteriorMap(start.topology.coordinates, result.certificate, [], []),
+        scaled_jacobian_goal(start, least_mean=result.quality.scaled_jacobian.mean - LOST),
+        (),
+        clock,
+        Budget.of_source(solver.step_cost),
+        result.certificate.boundary,
+    )
+    log += [*found.log, *found.notes]
+    if found.polish is None or found.polish.power == 1:
+        return result
+    model = solver.model(found.points)
+    metrics = quality(model, proved=True)
+    return replace(result, multipatch=model, certificate=found.certificate, quality=metrics, polish=found.polish)
 
 
 def _joined(source: MultiPatch, task: _Task, continuity: str, refine: str = "never") -> TransferResult:
@@ -375,6 +409,7 @@ def _joined(source: MultiPatch, task: _Task, continuity: str, refine: str = "nev
         fit_tolerance=task.wishes.fit_tolerance,
         refine=refine,
         on_failure="return",
+        polish=task.wishes.polish,
     )
 
 
