@@ -13,7 +13,7 @@ import models
 import patchtransfer as pt
 import targets
 from commands import arguments, inputs_of_transfer, run
-from patchtransfer.interior.polish import GOALS, PolishReport
+from patchtransfer.interior.polish_report import GOALS, PolishReport
 
 GOAL = pytest.mark.parametrize("goal", GOALS)
 

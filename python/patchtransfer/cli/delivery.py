@@ -94,7 +94,7 @@ def summary(content: dict[str, Any], output: str | None) -> None:
     if "corner_bound" in content:
         add("  corners allow at most", _number(content["corner_bound"]))
     if content.get("polish") is not None:
-        from ..interior.polish import PolishReport
+        from ..interior.polish_report import PolishReport
 
         add("  polish", PolishReport.from_dict(content["polish"]).words)
     if content.get("similarity") is not None:

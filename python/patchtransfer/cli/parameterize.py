@@ -6,7 +6,7 @@ from functools import partial
 
 import click
 
-from ..interior.polish import GOALS
+from ..interior.polish_report import GOALS
 from ..progress import Clock
 from .delivery import deliver, draw_patches, leave
 from .options import (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..numeric.arrays import FloatArray
 from ..progress import StopReason
 from ..proof.certificate import Certificate
-from .polish import PolishReport
+from .polish_report import PolishReport
 from .under_rows import ActiveRows
 
 if TYPE_CHECKING:

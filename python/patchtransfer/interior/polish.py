@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
@@ -20,14 +19,14 @@ from ..measure.bounds import can_be_proved, proved_quality
 from ..measure.common_layout import same_layout
 from ..measure.quality import quality
 from ..measure.similarity import similarity
-from ..numeric.arrays import FloatArray, finite_or_none
+from ..numeric.arrays import FloatArray
 from ..progress import Budget
 from ..proof.certificate import Certificate
 from .optimizer import AREA_WEIGHT, Certify, SplineOptimizer
+from .polish_report import GOALS, PolishReport
 
-__all__ = ["GOALS", "Goal", "PolishReport", "goal_of", "polished", "scaled_jacobian_goal"]
+__all__ = ["Goal", "goal_of", "polished", "scaled_jacobian_goal"]
 
-GOALS = ("scaled_jacobian", "dilatation")
 #: Powers, each twice the last: from one minimum to the next few Newton steps are needed.
 POWERS = (2, 4, 8, 16, 32)
 #: Newton steps for a power, and the decrement at which they end: it is the next power's start.
@@ -57,51 +56,6 @@ class Goal(NamedTuple):
         if self.name == GOALS[0]:
             return worth
         return 1 / worth if worth > 0 else math.inf
-
-
-@dataclass(frozen=True)
-class PolishReport:
-    """What a polish came to.
-
-    Attributes
-    ----------
-    goal : {"scaled_jacobian", "dilatation"}
-    power : int
-        Of the energy density whose minimum the map is; 1 where no power gave a better one.
-    before, after : float
-        The number asked for, proved: the smallest scaled Jacobian from below, or the largest dilatation from above.
-    """
-
-    goal: str
-    power: int
-    before: float
-    after: float
-
-    @property
-    def words(self) -> str:
-        """What it came to, as said in reports."""
-        what = "minimum scaled Jacobian" if self.goal == GOALS[0] else "dilatation"
-        if self.power == 1:
-            return f"no map with a better {what} than {self.before:.4g} was found"
-        return f"{what} {self.before:.4g} -> {self.after:.4g}, proved (power {self.power})"
-
-    def __str__(self) -> str:
-        return f"polish: {self.words}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
-        return {
-            "goal": self.goal,
-            "power": self.power,
-            "before": finite_or_none(self.before),
-            "after": finite_or_none(self.after),
-        }
-
-    @staticmethod
-    def from_dict(data: dict[str, Any]) -> PolishReport:
-        """Of `to_dict`."""
-        before, after = (math.inf if data[name] is None else data[name] for name in ("before", "after"))
-        return PolishReport(data["goal"], data["power"], before, after)
 
 
 def goal_of(name: str, source: MultiPatch, mp: MultiPatch, degenerate: Sequence[tuple[int, int]]) -> Goal:

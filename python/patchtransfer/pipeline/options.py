@@ -9,7 +9,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Self, TypedDict, cast
 
 from ..errors import InputError
-from ..interior.polish import GOALS
+from ..interior.polish_report import GOALS
 from ..progress import Budget, Clock, Progress
 
 if TYPE_CHECKING:

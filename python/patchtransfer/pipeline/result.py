@@ -14,7 +14,7 @@ from ..geometry.display import as_page
 from ..geometry.labels import plain
 from ..geometry.multipatch import MultiPatch
 from ..gradients.frozen import Frozen
-from ..interior.polish import PolishReport
+from ..interior.polish_report import PolishReport
 from ..interior.under_rows import ActiveRows
 from ..measure.common_layout import same_layout
 from ..measure.continuity import ContinuityReport, check_continuity

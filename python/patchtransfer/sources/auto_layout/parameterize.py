@@ -14,7 +14,8 @@ from ...geometry.multipatch import MultiPatch
 from ...geometry.outline import Outline, hausdorff
 from ...geometry.rectangles import rectangles
 from ...interior.interior_map import InteriorMap
-from ...interior.polish import GOALS, scaled_jacobian_goal
+from ...interior.polish import scaled_jacobian_goal
+from ...interior.polish_report import GOALS
 from ...interior.solver import CONTINUITY, InteriorSolver
 from ...limits import MAX_LAYOUT_DEGREE, MAX_LAYOUT_POINTS, at_most
 from ...measure.bounds import can_be_proved
