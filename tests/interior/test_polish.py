@@ -109,6 +109,16 @@ def test_motions_of_the_target_do_not_matter(turn, scale, shift):
     assert (b.before, b.after) == pytest.approx((a.before, a.after), rel=2e-3)
 
 
+def test_joints_that_slid_go_back_where_the_dilatation_is_smaller():
+    mp = pt.examples.load("star")[0]
+    target, _ = targets.deformed(mp, targets.stretch(1.8, 20))
+    plan = pt.TransferPlan(mp, "c0")
+    slid, fixed = (
+        plan.transfer(target, polish="dilatation", fixed_correspondence=fixed).polish for fixed in (False, True)
+    )
+    assert slid.after <= fixed.after * (1 + 1e-9)
+
+
 def test_what_is_best_stays_to_the_bit_and_can_be_frozen():
     mp = plate()
     plan = pt.TransferPlan(mp, "c0")

@@ -10,7 +10,7 @@ import numpy as np
 from ..fitting.refinement import Knot
 from ..geometry.multipatch import MultiPatch
 from ..measure.smooth_spans import InterfaceSpans, c1_share, obstacles, share_of, smooth_spans
-from .inside import SLID_BACK, attempt
+from .inside import SLID_BACK, SLID_BACK_FOR_DILATATION, attempt
 from .options import Run
 from .refined import Finer, finer, refined_note
 from .result import TransferResult
@@ -77,7 +77,7 @@ def smoothed(result: TransferResult, now: Finer, run: Run) -> TransferResult:
         best, count = replace(found, sliding=best.sliding), count + len(knots)
     share = share_of(best.multipatch)
     # What was said of joints is still so; all else is said anew of the finer map.
-    notes = [text for text in result.warnings if count and text == SLID_BACK]
+    notes = [text for text in result.warnings if count and text in (SLID_BACK, SLID_BACK_FOR_DILATATION)]
     if count:
         note = refined_note(
             f"for C1 across patches, knots in {count} spans of interfaces", result.multipatch, best.multipatch
