@@ -25,11 +25,12 @@ from .._core import BoundaryFit
 from ..errors import InputError
 from ..geometry.basis import collocation_matrix, knot_spans
 from ..geometry.curve import BSplineCurve
-from ..geometry.outline import Outline, hausdorff
+from ..geometry.outline import Outline
 from ..geometry.packing import PackedCurves, pack_curves, unpack_curves
 from ..geometry.straight_corners import Triangles, straighten
 from ..numeric.arrays import FloatArray, IntArray, frozen_array
 from ..registration.register import LoopRegistration, Registration
+from .own_curves import distance, with_own
 
 __all__ = ["FREE", "STIFF", "FittedBoundary", "FittedSide", "Stiffness", "basis_key", "fit_boundary", "sampled_basis"]
 
@@ -217,6 +218,7 @@ def fit_boundary(
     else:
         points, errors = _iterate(fit, counts, pairs, tolerance * diameter, stiffness.max_stray)
     points, _ = straighten(points, _single_corners(counts, single))
+    points, errors = with_own(registration.loops, counts, points, errors)
     return _collect(registration, points, errors / diameter, smooth, fixed, tolerance, diameter)
 
 
@@ -259,7 +261,7 @@ def _collect(
                     f"(tolerance {tolerance:.1e}); refine the source"
                 )
         loops.append(tuple(fitted))
-        distances.append(hausdorff(Outline([side.curve for side in fitted]), loop.target) / diameter)
+        distances.append(distance([side.curve for side in fitted], loop) / diameter)
         if distances[-1] > tolerance >= max(side.error for side in fitted):
             # Samples may all lie on the target while the curve cuts a part of it short.
             warnings.append(

@@ -15,11 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.outline import Outline, hausdorff
+from ..geometry.outline import Outline
 from ..numeric.arrays import FloatArray
 from ..numeric.dense import product, solve_definite
 from ..registration.register import Registration
 from .fit import FittedBoundary, FittedSide, basis_key, sampled_basis
+from .own_curves import distance
 
 __all__ = ["with_legs"]
 
@@ -63,7 +64,7 @@ def with_legs(
         asked = {i: lengths for (of, i), lengths in wanted.items() if of == k}
         loops.append(_with_legs(sides, loop.target, asked, PERMITTED * tolerance, diameter))
     errors = [
-        hausdorff(Outline([side.curve for side in sides]), loop.target) / diameter
+        distance([side.curve for side in sides], loop) / diameter
         for sides, loop in zip(loops, registration.loops, strict=True)
     ]
     return FittedBoundary(loops, max(errors), fitted.warnings)

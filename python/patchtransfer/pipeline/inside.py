@@ -20,6 +20,7 @@ from ..measure.bounds import can_be_proved
 from ..measure.quality import Quality, quality
 from ..proof.certificate import check_boundary
 from ..registration.register import Registration
+from ..registration.same_curves import kept_note
 from .options import MISSED, Run
 from .posed import Posed, Registered, no_proof
 from .result import TransferResult, functions_of_place
@@ -205,7 +206,7 @@ def measure(
         fitted=posed.fitted,
         corner_bound=posed.corner_bound,
         method=run.options.method,
-        log=(*([] if sliding is None else [str(sliding)]), *found.log),
+        log=(*kept_note(posed.registration.loops), *([] if sliding is None else [str(sliding)]), *found.log),
         failure=posed.failure,
         warnings=tuple(warnings),
         timings=run.clock.seconds,

@@ -28,6 +28,7 @@ from ..registration.register import Registration
 from .accepted import accepted, check_polynomial
 from .divisions import Division, SourceSplit, cut, divided_again, with_corners_opened
 from .inside import attempt
+from .kept_curves import kept_or_loose
 from .mirrored import MIRROR_IMAGE, POOR, Reflection, mirrored_rows, of_own_sides, reflected, told
 from .opening import smooth_corners
 from .options import Run, TransferOptions
@@ -141,10 +142,8 @@ class TransferPlan:
         """The result of a transfer with its correspondence."""
         _, plan, registered, target, landmarks = begun
         given = landmarks if plan is self else mirrored_rows(landmarks)
-        if run.options.split == "auto":
-            result = split_or_whole(plan, registered, given, run)
-        else:
-            result = plan._searched(registered, given, run)
+        search = partial(split_or_whole, plan) if run.options.split == "auto" else plan._searched
+        result = kept_or_loose(search, registered, given, run)
         if plan is not self:
             result = told(result, self.source)
         elif not result.succeeded or registered.registration.loops[0].score > POOR:

@@ -22,12 +22,14 @@ IN_VAIN = "no proof is possible, whatever the inside"
 class Registered(NamedTuple):
     """A registration, and where the target touches itself, or nearly, so that its own check proves nothing.
 
-    `handed` are corners of the target that were handed to joints which splitting the source has made.
+    `handed` are corners of the target that were handed to joints which splitting the source has made, `loose` is the
+    registration without sides that are the target's own curves, where there are some.
     """
 
     registration: Registration
     doubt: str | None
     handed: tuple[tuple[float, float], ...] = ()
+    loose: Registration | None = None
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ class Posed:
 
 def no_fit(registered: Registered, error: float, reason: str) -> NoFit:
     """Of a fit that rules out an injective map on a target that was not found to."""
-    registration, doubt, _ = registered
+    registration, doubt = registered[:2]
     feasible = doubt or "the target is feasible"
     sure = registration.confidence
     wrong = "" if sure >= SURE else f", or its correspondence (confidence {sure:.2f}) needs landmarks"

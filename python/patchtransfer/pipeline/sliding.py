@@ -99,7 +99,7 @@ class SlideReport:
 
 
 def movable_joints(registration: Registration, landmarks: ArrayLike | None) -> list[NDArray[np.bool_]]:
-    """Joints that may slide: smooth on both boundaries and not at a landmark.
+    """Joints that may slide: smooth on both boundaries, not at a landmark or at a side that is the target's own curve.
 
     Parameters
     ----------
@@ -119,6 +119,8 @@ def movable_joints(registration: Registration, landmarks: ArrayLike | None) -> l
     for k, loop in enumerate(registration.loops):
         s = loop.source.joints[:-1]
         smooth = (abs(loop.source.turn(s)) < CORNER) & (abs(loop.target.turn(loop.joints[:-1])) < CORNER)
+        held = np.array([own is not None for own in loop.own] or [False] * len(s))
+        smooth &= ~(held | np.roll(held, 1))
         fixed = feet[k][0][nearest == k] if feet else np.empty(0)
         gap = abs(s[:, None] - fixed)
         gap = np.minimum(gap, loop.source.length - gap).min(axis=1, initial=np.inf)

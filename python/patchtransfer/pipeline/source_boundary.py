@@ -23,6 +23,7 @@ from ..numeric.arrays import FloatArray, among
 from ..proof.certificate import BoundaryReport, check_boundary
 from ..proof.feasibility import Corner, check_corners, check_loops, check_report, check_target_corners
 from ..registration.register import Registration, register
+from ..registration.same_curves import with_same_curves
 from ..registration.sampled_boundary import BoundaryShape
 from .options import Run
 from .posed import FITTED, Posed, Registered, no_fit
@@ -114,6 +115,9 @@ class SourceBoundary:
                     )
                 registration = register(self.outlines, target, second.landmarks, single_patch=self.single, snap=snap)
             registration = replace(registration, _source_quality=self._scaled_jacobian)
+            loose = registration
+            if not paper:
+                registration = with_same_curves(registration, landmarks)
             joints = sum(len(loop.joints) - 1 for loop in registration.loops)
             stage.found = f"{joints} joints, confidence {registration.confidence:.2f}"
             if registration.by_shape and self._quality is not None:
@@ -128,8 +132,8 @@ class SourceBoundary:
                 self.single,
                 SMOOTH_ANGLE,
             )
-        registration = replace(registration, warnings=(*doubts, *registration.warnings, *notes))
-        return Registered(registration, notes[0] if notes else None)
+        found = [replace(x, warnings=(*doubts, *x.warnings, *notes)) for x in (registration, loose)]
+        return Registered(found[0], notes[0] if notes else None, loose=None if registration is loose else found[1])
 
     def registered(self, registration: Registration) -> Registration:
         """The same correspondence with this boundary's curves, where the source got more knots."""
@@ -205,7 +209,7 @@ class SourceBoundary:
             bound, degenerate, report, reason = self.check(fitted)
             stage.found = reason or f"corners allow a scaled Jacobian of at most {bound:.3f}"
             failure = None if reason is None else no_fit(registered, fitted.error, reason)
-            registration, doubt, _ = registered
+            registration, doubt = registered[:2]
             points = self.points(fitted)
             return Posed(registration, doubt, fitted, points, degenerate, bound, report, failure)
 

@@ -15,8 +15,8 @@ from ..geometry.topology import BoundarySide
 from ..numeric.arrays import FloatArray, among
 from ..registration.free_joints import joints_to_corners, warped
 from ..registration.lacking_joints import LackingJoint, lacking_joints
-from ..registration.missed_corners import missed_corners, missed_warnings
 from ..registration.register import LoopRegistration, Registration
+from ..registration.with_loops import with_loops
 from .divisions import Division
 
 __all__ = ["onto_split", "with_near_joints_moved"]
@@ -41,19 +41,7 @@ def with_near_joints_moved(registration: Registration, single: Sequence[Sequence
         )
         loops.append(loop if anchors is loop.anchors else replace(loop, anchors=anchors))
     same = all(a is b for a, b in zip(loops, registration.loops, strict=True))
-    return registration if same else _with_loops(registration, loops)
-
-
-def _with_loops(registration: Registration, loops: Sequence[LoopRegistration]) -> Registration:
-    """The registration with other loops, and what it says of the corners that they miss."""
-    old = registration.missed_corners
-    stale = {line for k in range(len(loops)) for line in missed_warnings([c for c in old if c.loop == k])}
-    warnings, missed, unit = [line for line in registration.warnings if line not in stale], [], loops[0].target.diameter
-    for k, loop in enumerate(loops):
-        of_loop = missed_corners(loop.source, loop.target, loop.anchors, k, unit)
-        warnings += missed_warnings(of_loop)
-        missed += of_loop
-    return replace(registration, loops=tuple(loops), warnings=tuple(warnings), missed_corners=tuple(missed))
+    return registration if same else with_loops(registration, loops)
 
 
 def onto_split(
@@ -93,7 +81,7 @@ def onto_split(
         ]
         moved = _moved(replace(loop, anchors=anchors, features=features), np.array(starts), outline)
         loops.append(_evened(moved, [j for j, at in enumerate(places) if at is None]))
-    return _with_loops(registration, loops)
+    return with_loops(registration, loops)
 
 
 def _pairs(
@@ -201,4 +189,5 @@ def _moved(loop: LoopRegistration, starts: FloatArray, outline: Outline) -> Loop
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     rows = rows[np.diff(rows[:, 0], prepend=-1.0) > 0]
     closing = rows[:1] + np.array([outline.length, loop.target.length])
-    return replace(loop, source=outline, anchors=np.concatenate([rows, closing]), features=shifted(loop.features))
+    anchors, features = np.concatenate([rows, closing]), shifted(loop.features)
+    return replace(loop, source=outline, anchors=anchors, features=features, own=())

@@ -87,6 +87,8 @@ class LoopRegistration:
     score : float
         Cost of the matching by shape; 0 for similar shapes and when only arc length decides.
     runner_up : RunnerUp or None
+    own : tuple of (BSplineCurve or None)
+        Side by side, the target's curve that it becomes exactly (`same_curves`); empty if none does.
     """
 
     source: Outline
@@ -96,6 +98,7 @@ class LoopRegistration:
     features: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     score: float = 0.0
     runner_up: RunnerUp | None = None
+    own: tuple[BSplineCurve | None, ...] = ()
 
     def to_target(self, s: ArrayLike) -> FloatArray:
         """Target arc lengths (unwrapped, increasing) of the source arc lengths `s` in [0, length]."""
