@@ -17,6 +17,7 @@ ORDER = (
     "landmarks",
     "own_outline",
     "own_layout",
+    "conics",
     "alphabet",
     "airfoils",
     "continuity",

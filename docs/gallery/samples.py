@@ -2,7 +2,8 @@
 The bundled samples
 ===================
 
-Six sources with a drawing each to carry them to. All are drawings of our own; ``patchtransfer examples`` lists them.
+Eight sources, two of them rational, with an outline each to carry them to. All are drawings of our own;
+``patchtransfer examples`` lists them.
 """
 
 import patchtransfer as pt

@@ -21,7 +21,7 @@ from patchtransfer.geometry.patch import Patch
 
 #: Symmetric ones among them: a : b is constant, or c zero, to rounding or to what the optimiser leaves.
 ALL = models.SPACES | {
-    name: (lambda name=name: models.with_freedom(examples.load(name)[0])) for name in examples.EXAMPLES
+    name: (lambda name=name: models.with_freedom(examples.load(name)[0])) for name in models.EXAMPLES
 }
 DEFORMATIONS = {"itself": lambda mp: lambda x: x, "bent": lambda mp: targets.bend(mp, 30)}
 

@@ -25,7 +25,7 @@ def pair(source: pt.MultiPatch, target: pt.Boundary, landmarks: np.ndarray | Non
     return [plan.transfer(target, landmarks) for plan in plans]
 
 
-@pytest.mark.parametrize("name", examples.EXAMPLES)
+@pytest.mark.parametrize("name", models.EXAMPLES)
 def test_rows_never_raise_the_mean_kink_of_the_examples(name):
     before, after = pair(*examples.load(name))
     kinks = [smoothness.mean_kink(smoothness.spans(r.multipatch)) for r in (before, after)]

@@ -85,7 +85,7 @@ def test_slopes_are_those_of_the_least_energy(name, monkeypatch):
     np.testing.assert_allclose((least(h) - least(-h)) / (2 * h), slopes @ direction, rtol=1e-3, atol=1e-7)
 
 
-@pytest.mark.parametrize("name", [*MODELS, *examples.EXAMPLES])
+@pytest.mark.parametrize("name", [*MODELS, *models.EXAMPLES])
 def test_maps_have_less_energy_and_no_larger_kinks(name, monkeypatch):
     if name in examples.EXAMPLES:
         source, target, landmarks = examples.load(name)

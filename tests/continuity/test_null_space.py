@@ -75,7 +75,7 @@ def test_g1_rows_of_the_models(name):
 
 
 @pytest.mark.parametrize("kind", ["c1", "g1"])
-@pytest.mark.parametrize("name", examples.EXAMPLES)
+@pytest.mark.parametrize("name", models.EXAMPLES)
 def test_rows_of_the_examples(name, kind):
     mp = examples.load(name)[0]
     mp = mp if kind == "c1" else models.with_freedom(mp)

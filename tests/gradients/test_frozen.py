@@ -40,7 +40,7 @@ def check(frozen, filled, d, step):
 
 
 @pytest.mark.parametrize("continuity", ["c0", "c1"])
-@pytest.mark.parametrize("name", examples.EXAMPLES)
+@pytest.mark.parametrize("name", models.EXAMPLES)
 def test_derivatives_on_all_examples(name, continuity):
     source, target, landmarks = examples.load(name)
     result = pt.transfer(source, target, landmarks, continuity, refine="never", on_failure="return")

@@ -141,7 +141,7 @@ def test_agrees_with_nutils(mp):
     assert np.abs(result.field.coefficients - peer).max() < 1e-11
 
 
-@pytest.mark.parametrize("name", [name for name in examples.EXAMPLES if name != "wrench"])
+@pytest.mark.parametrize("name", [name for name in models.EXAMPLES if name != "wrench"])
 def test_samples_are_solved_as_well_as_their_splines_can(transferred, name):
     """The settings of the paper, on source and result; at 5 x 5 points against the best approximation in L²."""
     for mp in (examples.load(name)[0], transferred[name]):

@@ -207,7 +207,7 @@ def test_a_wrench_bent_across_its_length_is_certified():
 
 
 @pytest.mark.parametrize("fixed", [True, False])
-@pytest.mark.parametrize("name", examples.EXAMPLES)
+@pytest.mark.parametrize("name", models.EXAMPLES)
 def test_examples_need_no_landmarks(name, fixed):
     """Ears and hands: places that go a little beside fold the map there, though all corners are right."""
     source, target, _ = examples.load(name)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import models
 import patchtransfer as pt
 from patchtransfer import examples, reproduce
 from patchtransfer.errors import InputError
@@ -159,7 +160,7 @@ def test_versioned_table_keeps_its_promises():
     data = json.loads((folder / "reproduction.json").read_text(encoding="utf-8"))
     text = (folder / "reproduction.md").read_text(encoding="utf-8")
     rows = [r for r in data["table1"] if r["method"] == "certified"]
-    assert {r["sample"] for r in rows} == set(examples.EXAMPLES)
+    assert {r["sample"] for r in rows} == set(models.EXAMPLES)
     assert data["commit"]
     assert "dirty" not in data["commit"]
     for row in rows:

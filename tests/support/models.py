@@ -6,12 +6,16 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from patchtransfer import MultiPatch, Patch
+from patchtransfer import MultiPatch, Patch, examples
 from patchtransfer.geometry.basis import collocation_matrix, greville
 from shapes import turned
 
 #: (u, v) in [0, 1]² to the plane, arrays in, (..., 2) out.
 Map = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+#: Bundled examples without weights.
+EXAMPLES = [name for name in examples.EXAMPLES if name not in examples.RATIONAL]
 
 
 def uniform_knots(degree: int, spans: int) -> np.ndarray:

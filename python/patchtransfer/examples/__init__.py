@@ -1,7 +1,7 @@
 """Bundled examples: models and drawings of our own that show the whole pipeline.
 
-An example is a folder with ``source.xml`` (a multi-patch), ``target.svg`` (a drawn outline) and ``landmarks.csv``
-(corresponding places), and one line here.
+An example is a folder with ``source.xml`` (a multi-patch), ``target.svg`` (a drawn outline; of rational sources
+``target.xml``, with exact circles) and ``landmarks.csv`` (corresponding places), and one line here.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..pipeline.transfer import transfer
 from ..plot import figures as plot
 from ..progress import Clock, Progress
 
-__all__ = ["EXAMPLES", "load", "run"]
+__all__ = ["EXAMPLES", "RATIONAL", "load", "run"]
 
 EXAMPLES = {
     "wrench": "an open-end wrench of 18 bicubic patches, moved to a drawing with a turned jaw and a bent handle",
@@ -30,13 +30,21 @@ EXAMPLES = {
     "frame": "a wavy picture frame of 14 bicubic patches, moved to a bent trapezoidal one with waves inside and out",
     "two-hole-plate": "a plate of 21 bicubic patches, four around each hole, moved to a bent one with oblique holes",
     "star": "a six-armed star of 6 bicubic patches, moved to one with bent arms of unequal lengths",
+    "annulus": "an annulus of 4 rational patches (NURBS), moved to an eccentric one of other radii, exactly",
+    "plate-with-hole": "a square plate of 4 rational patches around a hole, moved to an oblique one with an ellipse",
 }
 """One line for each example, by name."""
+
+RATIONAL = ("annulus", "plate-with-hole")
+"""The examples whose source has weights."""
 
 STEPS = {"wrench": 4}
 """Further targets of an example: the shape moved on in equal steps."""
 
-INPUTS = ("source.xml", "target.svg", "landmarks.csv")
+
+def inputs(name: str) -> tuple[str, str, str]:
+    """The files of an example: source, target and landmarks."""
+    return "source.xml", "target.xml" if name in RATIONAL else "target.svg", "landmarks.csv"
 
 
 def load(name: str, step: int | None = None) -> tuple[MultiPatch, Boundary, FloatArray]:
@@ -69,7 +77,7 @@ def load(name: str, step: int | None = None) -> tuple[MultiPatch, Boundary, Floa
     """
     _check_name(name)
     folder = files(__name__) / name
-    source, target, landmarks = INPUTS
+    source, target, landmarks = inputs(name)
     if step is not None:
         if not 1 <= step <= STEPS.get(name, 0):
             raise InputError(f"example {name!r} has {STEPS.get(name, 0)} steps, there is no step {step}")
@@ -85,8 +93,8 @@ def load(name: str, step: int | None = None) -> tuple[MultiPatch, Boundary, Floa
 def run(name: str, folder: str | os.PathLike[str], progress: Progress | None = None) -> TransferResult:
     """Transfer a bundled example and keep everything in a folder.
 
-    Writes the inputs ``source.xml``, ``target.svg`` and ``landmarks.csv``, then ``result.xml``, the pictures
-    ``transfer.png`` and ``registration.png``, and ``report.json``. Files of these names are replaced.
+    Writes the inputs ``source.xml``, ``target.svg`` (or ``target.xml``) and ``landmarks.csv``, then ``result.xml``, the
+    pictures ``transfer.png`` and ``registration.png``, and ``report.json``. Files of these names are replaced.
 
     Parameters
     ----------
@@ -114,7 +122,7 @@ def run(name: str, folder: str | os.PathLike[str], progress: Progress | None = N
         raise InputError(f"{folder}: the folder cannot be made ({error.strerror}); choose another one") from None
     clock = Clock(progress)
     with clock("reading") as stage:
-        for item in INPUTS:
+        for item in inputs(name):
             write_atomic(folder / item, (files(__name__) / name / item).read_bytes())
         source, target, landmarks = load(name)
         stage.found = f"{source!r}, {target!r}, {len(landmarks)} landmarks"

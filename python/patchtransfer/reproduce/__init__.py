@@ -270,7 +270,7 @@ def reproduce(
     folder : path
         Made if it does not exist.
     names : sequence of str, optional
-        Samples; default all of `examples.EXAMPLES`. Figures without a sample are left out.
+        Samples; default all of `examples.EXAMPLES` without weights, which the paper's method lacks. Figures without a sample are left out.
     progress : callable, optional
         Called with a line of text before every part.
 
@@ -284,10 +284,11 @@ def reproduce(
     InputError
         On an unknown sample, or a folder that cannot be written to.
     """
-    chosen = list(examples.EXAMPLES) if names is None else list(dict.fromkeys(names))
-    unknown = [name for name in chosen if name not in examples.EXAMPLES]
+    samples = [name for name in examples.EXAMPLES if name not in examples.RATIONAL]
+    chosen = samples if names is None else list(dict.fromkeys(names))
+    unknown = [name for name in chosen if name not in samples]
     if unknown or not chosen:
-        raise InputError(f"no sample {(unknown or ['(none)'])[0]!r}; there are {', '.join(examples.EXAMPLES)}")
+        raise InputError(f"no sample {(unknown or ['(none)'])[0]!r}; there are {', '.join(samples)}")
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
