@@ -112,6 +112,26 @@ def test_morphs_and_drags_keep_weights():
     kept(mp, dragged.multipatch)
 
 
+@pytest.mark.parametrize("continuity", ["c0", "c1"])
+@pytest.mark.parametrize("degrees", [-40, -20, 20, 40])
+def test_straight_corners_inside_are_opened_where_they_would_fold(continuity, degrees):
+    mp = conics.disc_in_a_square()
+    assert pt.certify(mp).status == "degenerate"
+    target, landmarks = targets.deformed(mp, targets.bend(mp, degrees))
+    result = pt.transfer(mp, target, landmarks, continuity)
+    assert result.certificate.status == "certified"
+    assert result.quality.scaled_jacobian.min > 0.2
+    assert any("with these corners open" in entry for entry in result.log)
+    kept(mp, result.multipatch)
+
+
+def test_straight_corners_inside_that_do_not_fold_stay():
+    mp = conics.disc_in_a_square()
+    found = TransferPlan(mp, "c0").refill(mp.topology.coordinates)
+    np.testing.assert_allclose(found.multipatch.topology.coordinates, mp.topology.coordinates, atol=1e-5)
+    assert found.certificate.injective
+
+
 def test_what_takes_no_weights_offers_conversion():
     mp = conics.annulus(spans=2)
     with pytest.raises(InputError, match=r'patch 0 .*rational .*continuity="g1".*to_polynomial'):

@@ -72,3 +72,17 @@ def moved(mp: MultiPatch, scale: float, angle: float, shift) -> MultiPatch:
     """The image of a similarity."""
     c, s = scale * np.cos(angle), scale * np.sin(angle)
     return mp.with_control_points([p.control_points @ np.array([[c, s], [-s, c]]) + shift for p in mp])
+
+
+def disc_in_a_square() -> MultiPatch:
+    """The unit disc in one patch, whose corners are straight angles inside, and four patches around it."""
+    inner = disc()
+    ends = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
+    around = []
+    for side in MultiPatch([inner]).boundary().loops[0]:
+        corners = [ends[np.argmin(((ends - x) ** 2).sum(axis=1))] * 2 for x in (side.start, side.end)]
+        line = np.stack([corners[0], (corners[0] + corners[1]) / 2, corners[1]])
+        net = np.stack([side.control_points, (side.control_points + line) / 2, line])
+        weights = np.stack([side.weights, (side.weights + 1) / 2, np.ones(3)])
+        around.append(Patch((BEZIER[2], BEZIER[2]), (2, 2), net, weights))
+    return MultiPatch([inner, *around])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +24,7 @@ from ..numeric.compressed import Compressed
 from ..progress import Budget, Clock, Progress, reporter
 from ..proof.certificate import BoundaryReport, Certificate, certify
 from .interior_map import InteriorMap
+from .opened import with_open_corners
 from .optimizer import (
     MAX_STEPS,
     ROUGH,
@@ -50,6 +51,7 @@ CONTINUITY = ("c0", "c1", "g1")
 FAR = 100.0
 #: Part of the work for rows, which need most of it; the rest is for finding a map without them.
 ROWS_SHARE = 0.65
+OPENED = "corners where a patch fills a straight angle inside: distortion is measured with these corners open"
 #: Optimizers under rows that a thread keeps, one a pattern of the null-space basis: of C1, and of exact G1 twice.
 KEPT_PATTERNS = 3
 
@@ -103,6 +105,12 @@ class InteriorSolver:
     def leg_wishes(self, points: FloatArray, degenerate: Sequence[tuple[int, int]]) -> list[LegWish]:
         """Legs in the ratios of the chords that end at them, whose speeds are those of the harmonic map."""
         return self._c1.leg_wishes(self.optimizer(degenerate).harmonic(points))
+
+    @cached_property
+    def _opened(self) -> InteriorSolver | None:
+        """The same against the source with its straight corners inside open, if it has some."""
+        reference = None if self.reference is not None else with_open_corners(self.source)
+        return None if reference is None else InteriorSolver(self.source, self.continuity, reference, self.ratios)
 
     def certified(
         self,
@@ -232,6 +240,11 @@ class InteriorSolver:
             )
             stage.found = _figures(found)
         log += entries
+        opened = None if certificate.injective or budget.expired() else self._opened
+        if opened is not None:
+            with_open = opened._certified(start, degenerate, check, progress, clock, budget)
+            if with_open.certificate.injective:
+                return replace(with_open, log=[*log, OPENED, *with_open.log])
         if spare is not None and not certificate.injective:
             return replace(spare, log=[*log, "the certified map under rows is kept, though its corners collapse"])
         if not (self._levels and certificate.injective) or budget.expired():
