@@ -54,6 +54,34 @@ def test_conics_stay_exact_and_patches_join_smoothly(name, spans):
     assert kink(smooth.multipatch) < 1e-10 < 1e-2 < kink(plain.multipatch)
 
 
+@pytest.mark.parametrize("name", IMAGES)
+def test_patches_join_smoothly_along_arcs_whose_weights_vary(name):
+    # Two rings: from one to the other the ratio of weights is one number, along the arcs between them they differ.
+    rings = [*conics.ring(0.5, 0.75), *conics.ring(0.75, 1.0)]
+    mp = MultiPatch([patch.split_spans(3) for patch in rings])
+    plain, smooth = (TransferPlan(mp, c).refill(given(mp, IMAGES[name])) for c in ("c0", "c1"))
+    assert smooth.certificate.status == "certified"
+    kept(mp, smooth.multipatch)
+    assert kink(smooth.multipatch) < 1e-10 < 1e-2 < kink(plain.multipatch)
+
+
+def test_rows_do_not_depend_on_the_sense_of_parameters():
+    # A quarter of two rings whose arcs have other weights at one end than at the other.
+    made, kinks = [], []
+    for patch in [*conics.ring(0.5, 0.75, 2, np.pi / 2), *conics.ring(0.75, 1.0, 2, np.pi / 2)]:
+        made.append(Patch(patch.knots, patch.degrees, patch.control_points, patch.weights * 1.5 ** np.arange(3)))
+    mp = MultiPatch([patch.split_spans(2) for patch in made])
+    turned = conics.spun(
+        mp, [(True, False, True), (False, False, True), (False, True, False), (True, True, True)], [2, 0, 3, 1]
+    )
+    for model in (mp, turned):
+        points = targets.bend(model, 25)(model.topology.coordinates)
+        found = TransferPlan(model, "c1").refill(points)
+        assert found.certificate.injective
+        kinks.append(kink(found.multipatch))
+    assert kinks[1] == pytest.approx(kinks[0], rel=1e-6)
+
+
 def test_more_knots_lower_the_energy_of_the_same_map():
     # Spaces of refined NURBS contain one another, weights and all.
     mean = []

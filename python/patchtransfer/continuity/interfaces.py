@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import comb
 
 import numpy as np
 
@@ -43,6 +44,8 @@ class ControlRows:
         p/h of the patch on either side: its degree across over its first knot span, parameters mapped to [0, 1].
     lowest_degree : int
         The smallest of the degrees along and across; 0 where weights allow no rows of three points, see `control_rows`.
+    weights : (n,) array or None
+        Along the interface, where they vary: basis functions are rational there.
     """
 
     curve: IntArray
@@ -53,6 +56,7 @@ class ControlRows:
     left_scale: float
     right_scale: float
     lowest_degree: int
+    weights: FloatArray | None = None
 
     @classmethod
     def of(
@@ -99,7 +103,7 @@ class ControlRows:
     @cached_property
     def end_basis(self) -> tuple[tuple[FloatArray, FloatArray, FloatArray], ...]:
         """Values, first and second derivatives (n,) of the basis functions at t = 0 and at t = 1."""
-        rows = [collocation_matrix(self.knots, self.degree, [0.0, 1.0], k) for k in range(min(self.degree, 2) + 1)]
+        rows = self._functions(np.array([0.0, 1.0]), min(self.degree, 2))
         value, slope, bend = [*rows, np.zeros_like(rows[0])][:3]
         return tuple((value[e], slope[e], bend[e]) for e in (0, 1))
 
@@ -110,7 +114,24 @@ class ControlRows:
 
     def basis(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values and derivatives (m, n) of the basis functions at the parameters t."""
-        return collocation_matrix(self.knots, self.degree, t), collocation_matrix(self.knots, self.degree, t, 1)
+        value, slope = self._functions(t, 1)
+        return value, slope
+
+    def _functions(self, t: FloatArray, order: int) -> list[FloatArray]:
+        """The basis functions at the parameters t, (m, n), and their derivatives up to an order of 2 at most."""
+        found: list[FloatArray] = []
+        totals: list[FloatArray] = []
+        for k in range(order + 1):
+            values = collocation_matrix(self.knots, self.degree, t, k)
+            if self.weights is not None:
+                # Leibniz's rule for the quotient by the sum of weighted functions.
+                values = values * self.weights
+                totals.append(values.sum(axis=1, keepdims=True))
+                for i, lower in enumerate(found):
+                    values -= comb(k, i) * totals[k - i] * lower
+                values /= totals[0]
+            found.append(values)
+        return found
 
     def derivatives(
         self, points: FloatArray, value: FloatArray, slope: FloatArray
@@ -150,17 +171,16 @@ def control_rows(topology: Topology) -> tuple[ControlRows, ...]:
     """The control rows of every interface, run with patch a on its left.
 
     A rational patch has D_L = p/h Σ R_j w_1j / w_0j (L_j - s_j), with weights w_0 on the interface and w_1 beside it.
-    Where those along are equal, R_j is polynomial, and where their ratio is the same for all j it is a factor of p/h.
-    Elsewhere there are no rows.
+    Where their ratio is the same for all j it is a factor of p/h. Elsewhere there are no rows.
     """
     bases = [tuple(zip(patch.knots, patch.degrees, strict=True)) for patch in topology.patches]
     return tuple(
-        _weighted(f, topology, ControlRows.of(f, topology.points, bases, directed.reversed))
+        _weighted(f, topology, ControlRows.of(f, topology.points, bases, directed.reversed), directed.reversed)
         for f, directed in zip(topology.interfaces, topology.directed_interfaces, strict=True)
     )
 
 
-def _weighted(f: Interface, topology: Topology, rows: ControlRows) -> ControlRows:
+def _weighted(f: Interface, topology: Topology, rows: ControlRows, backwards: bool) -> ControlRows:
     """Control rows with what the patches' weights make of their scales."""
     factors = [1.0, 1.0]
     for i, (k, side) in enumerate(((f.patch_a, f.side_a), (f.patch_b, f.side_b))):
@@ -168,9 +188,12 @@ def _weighted(f: Interface, topology: Topology, rows: ControlRows) -> ControlRow
         if weights is None:
             continue
         along, ratio = side.of(weights), side.of(weights, 1) / side.of(weights)
-        if max(np.ptp(along) / along.min(), np.ptp(ratio) / ratio.min()) > SAME_WEIGHT:
+        if np.ptp(ratio) / ratio.min() > SAME_WEIGHT:
             return replace(rows, lowest_degree=0)
         factors[i] = float(ratio.mean())
+        if i == 0 and np.ptp(along) / along.min() > SAME_WEIGHT:
+            # Of either patch: an interface has one curve, up to a common factor of weights.
+            rows = replace(rows, weights=along[:: -1 if backwards else 1])
     if factors == [1.0, 1.0]:
         return rows
     return replace(rows, left_scale=factors[0] * rows.left_scale, right_scale=factors[1] * rows.right_scale)
@@ -184,12 +207,15 @@ def chord_ratios(topology: Topology, rows: tuple[ControlRows, ...], points: Floa
     rows, for rows that hold with one ratio should show no residual where a few others do not hold.
     """
     logs, counts = np.zeros(len(rows)), np.zeros(len(rows))
-    alike: dict[tuple[bytes, int], list[int]] = defaultdict(list)
+    alike: dict[tuple[bytes, int, bytes | None], list[int]] = defaultdict(list)
     for i, r in enumerate(rows):
-        alike[r.knots.tobytes(), r.degree].append(i)
+        alike[r.knots.tobytes(), r.degree, None if r.weights is None else r.weights.tobytes()].append(i)
     for members in alike.values():
         group = [rows[i] for i in members]
         _, (value, _, _) = span_basis(group[0].knots, group[0].degree, SAMPLES)
+        if group[0].weights is not None:
+            value = value * group[0].weights
+            value = value / value.sum(axis=1, keepdims=True)
         curve = points[np.array([r.curve for r in group])]
         left, right = (
             points[np.array(beside)] - curve for beside in ([r.left for r in group], [r.right for r in group])
