@@ -108,6 +108,18 @@ def test_orders_on_a_rational_patch():
     assert 2.8 < h1 < 3.5
 
 
+@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize("moved", [False, True])
+def test_orders_on_a_rational_annulus(degree, moved):
+    """p + 1 and p on four glued NURBS patches, and on what they are transferred to: an eccentric annulus, exactly."""
+    mp, target, _ = examples.load("annulus")
+    mp = pt.transfer(mp, target).multipatch if moved else mp
+    assert all(patch.weights is not None for patch in mp)
+    l2, h1 = orders(mp, degree, [degree + 24, degree + 48])
+    assert degree + 0.85 < l2 < degree + 1.5
+    assert degree - 0.15 < h1 < degree + 0.5
+
+
 def test_a_patch_glued_to_itself():
     mp = models.annulus(1, 3, 8)
     assert len(mp.interfaces) == 1

@@ -171,6 +171,44 @@ def test_what_takes_no_weights_offers_conversion():
         plan.freeze()
 
 
+def test_layouts_take_rational_outlines():
+    angle = np.pi / 2 * np.arange(4)
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    quads = [[k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k] for k in range(4)]
+    loops = conics.annulus().boundary()
+    result = pt.from_layout(np.concatenate([ring / 2, ring]), [q[::-1] for q in quads], loops, degree=3, spans=2)
+    assert result.certificate.injective
+    # Of a layout patches are polynomial: near a circle, not on it.
+    assert 1e-9 < result.boundary_error < 1e-3
+    assert all(patch.weights is None for patch in result.multipatch)
+
+
+def drop(tip: float, outer: float = 1.0, inner: float = 0.5) -> Boundary:
+    """An annulus whose rim has a corner, at 45 degrees."""
+    at = tip * np.array([np.cos(np.pi / 4), np.sin(np.pi / 4)])
+    from_centre = np.arccos(outer / tip)
+    ends = [outer * np.array([np.cos(np.pi / 4 + a), np.sin(np.pi / 4 + a)]) for a in (from_centre, -from_centre)]
+    turn = (2 * np.pi - 2 * from_centre) / 3
+    arcs = [conics.arc(turn, np.pi / 4 + from_centre + k * turn) for k in range(3)]
+    rim = [c.with_control_points(outer * c.control_points) for c in arcs]
+    lines = [BSplineCurve([0, 0, 1, 1], 1, [ends[1], at]), BSplineCurve([0, 0, 1, 1], 1, [at, ends[0]])]
+    return Boundary([[*rim, *lines], conics.annulus(inner, outer).boundary().loops[1]])
+
+
+def test_split_sources_keep_weights_and_exact_holes():
+    mp = conics.annulus(spans=2)
+    rows = np.array([[*c.start, *c.start] for c in mp.boundary().loops[0]])
+    result = pt.transfer(mp, drop(1.25), rows, continuity="c0", split="auto")
+    assert result.certificate.injective
+    assert result.split is not None
+    assert len(result.multipatch) > len(mp)
+    assert all(patch.weights is not None for patch in result.multipatch)
+    assert result.boundary_error < 2e-3
+    hole = [side.curve(result.multipatch.patches) for side in result.multipatch.topology.loops[1]]
+    x = np.concatenate([curve(np.linspace(*curve.domain, 50)) for curve in hole])
+    np.testing.assert_allclose(np.hypot(*x.T), 0.5, rtol=0, atol=1e-14)
+
+
 def test_references_have_the_source_s_weights():
     mp = conics.annulus()
     bare = [Patch(p.knots, p.degrees, p.control_points) for p in mp]

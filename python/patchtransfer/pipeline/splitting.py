@@ -9,13 +9,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry.curve import BSplineCurve
 from ..geometry.outline import Outline
-from ..geometry.splitting import Cuts, Origin
+from ..geometry.splitting import Cuts, Origin, SplitModel
 from ..geometry.topology import BoundarySide
 from ..numeric.arrays import FloatArray, among
 from ..registration.free_joints import joints_to_corners, warped
 from ..registration.lacking_joints import LackingJoint, lacking_joints
 from ..registration.register import LoopRegistration, Registration
+from ..registration.same_curves import as_side
 from ..registration.with_loops import with_loops
 from .divisions import Division
 
@@ -66,8 +68,8 @@ def onto_split(
     whole = {part: side for side, own in split.parts.items() for part in own}
     place = {(side.patch, side.side): (k, i) for k, loop in enumerate(before.loops) for i, side in enumerate(loop)}
     loops = []
-    for own, outline in zip(split.multipatch.topology.loops, outlines, strict=True):
-        places = [place.get(whole.get((part.patch, part.side), (-1, part.side))) for part in own]
+    for sides, outline in zip(split.multipatch.topology.loops, outlines, strict=True):
+        places = [place.get(whole.get((part.patch, part.side), (-1, part.side))) for part in sides]
         k = next(at[0] for at in places if at is not None)
         loop = registration.loops[k]
         pairs = _pairs(loop, before.loops[k], cuts, lacking[k])
@@ -77,9 +79,14 @@ def onto_split(
             _start(loop.source, at[1], before.loops[k][at[1]], part, split.origin[part.patch])
             if at is not None
             else _joint_at(loop.source, outline.curves[j].start)
-            for j, (part, at) in enumerate(zip(own, places, strict=True))
+            for j, (part, at) in enumerate(zip(sides, places, strict=True))
         ]
         moved = _moved(replace(loop, anchors=anchors, features=features), np.array(starts), outline)
+        own = [
+            None if at is None or not loop.own else _own(loop, at[1], before.loops[k][at[1]], part, split, curve)
+            for part, at, curve in zip(sides, places, outline.curves, strict=True)
+        ]
+        moved = replace(moved, own=tuple(own) if any(curve is not None for curve in own) else ())
         loops.append(_evened(moved, [j for j, at in enumerate(places) if at is None]))
     return with_loops(registration, loops)
 
@@ -142,9 +149,21 @@ def _with_pairs(loop: LoopRegistration, pairs: FloatArray) -> FloatArray:
 
 def _start(outline: Outline, i: int, side: BoundarySide, part: BoundarySide, origin: Origin) -> float:
     """Arc length, on the outline as it was, where a side of the split outline starts."""
+    return float(outline.arc_length(i, np.array(_range(outline.curves[i], side, part, origin)[:1]))[0])
+
+
+def _range(curve: BSplineCurve, side: BoundarySide, part: BoundarySide, origin: Origin) -> tuple[float, float]:
+    """The parameters of a side's curve between which a side of the split outline is."""
     low, high = (origin.u, origin.v)[part.side.axis]
-    t = sum(outline.curves[i].domain) - high if side.reversed else low
-    return float(outline.arc_length(i, np.array([t]))[0])
+    return (sum(curve.domain) - high, sum(curve.domain) - low) if side.reversed else (low, high)
+
+
+def _own(
+    loop: LoopRegistration, i: int, side: BoundarySide, part: BoundarySide, split: SplitModel, curve: BSplineCurve
+) -> BSplineCurve | None:
+    """The part of a side's own curve that is on a side of the split outline."""
+    own = loop.own[i]
+    return None if own is None else as_side(own.restrict(*_range(own, side, part, split.origin[part.patch])), curve)
 
 
 def _joint_at(outline: Outline, point: FloatArray) -> float:
