@@ -209,6 +209,17 @@ def test_split_sources_keep_weights_and_exact_holes():
     np.testing.assert_allclose(np.hypot(*x.T), 0.5, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("degrees", [20, 30])
+def test_knots_that_would_follow_wiggles_across_themselves_are_not_inserted(degrees):
+    # The target's splines overshoot where the plate's far side has a corner between its joints.
+    mp = conics.cornered_plate()
+    target, landmarks = targets.deformed(mp, targets.bend(mp, degrees))
+    result = pt.transfer(mp, target, landmarks, "c0", on_failure="return")
+    assert result.certificate.injective
+    assert result.boundary_error < 3e-3
+    assert any("with more knots the fitted boundary rules out" in text for text in result.warnings)
+
+
 def test_references_have_the_source_s_weights():
     mp = conics.annulus()
     bare = [Patch(p.knots, p.degrees, p.control_points) for p in mp]

@@ -86,3 +86,14 @@ def disc_in_a_square() -> MultiPatch:
         weights = np.stack([side.weights, (side.weights + 1) / 2, np.ones(3)])
         around.append(Patch((BEZIER[2], BEZIER[2]), (2, 2), net, weights))
     return MultiPatch([inner, *around])
+
+
+def cornered_plate() -> MultiPatch:
+    """A quarter of a plate with a hole in one patch, whose far side turns at a double knot."""
+    arcs = [arc(np.pi / 4, np.pi / 2 + np.pi / 4 * k) for k in (1, 0)]
+    hole = [c.reversed() for c in arcs]
+    far = np.array([[-4.0, 0], [-4, 2], [-4, 4], [-2, 4], [0, 4]])
+    near = np.concatenate([hole[0].control_points, hole[1].control_points[1:]])
+    weights = np.concatenate([hole[0].weights, hole[1].weights[1:]])
+    knots = ([0, 0, 0, 1, 1, 2, 2, 2], [0, 0, 1, 1])
+    return MultiPatch([Patch(knots, (2, 1), np.stack([near, far], axis=1), np.column_stack([weights, np.ones(5)]))])

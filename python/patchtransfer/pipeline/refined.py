@@ -18,6 +18,7 @@ __all__ = ["Finer", "finer", "refined_note", "to_tolerance"]
 
 #: Rounds of knot insertion at most to reach the fit tolerance; each halves the spans that miss it.
 REFINEMENTS = 6
+WIGGLES = "the fit tolerance is not reached: with more knots the fitted boundary rules out an injective map"
 
 
 class Finer(NamedTuple):
@@ -57,6 +58,7 @@ def refined_note(knots: str, before: MultiPatch, after: MultiPatch) -> str:
 def to_tolerance(now: Finer, fitted: FittedBoundary, run: Run) -> tuple[Finer, FittedBoundary, list[str]]:
     """Insert knots where the fit misses the target, until it reaches the tolerance, and say so."""
     source, count, tolerance = now.source, 0, run.options.fit_tolerance
+    rounds = [(now, fitted, count)]
     for _ in range(REFINEMENTS):
         if fitted.error <= tolerance or run.budget.expired():
             break
@@ -66,5 +68,16 @@ def to_tolerance(now: Finer, fitted: FittedBoundary, run: Run) -> tuple[Finer, F
             stage.found = f"{len(knots)} boundary spans halved, {now.source.topology.n_points} control points"
         count += len(knots)
         fitted = now.fit(run)
+        rounds.append((now, fitted, count))
+    now, fitted, count = _feasible(rounds)
+    notes = [] if now is rounds[-1][0] else [WIGGLES]
     note = refined_note(f"knots in {count} boundary spans", source, now.source)
-    return now, fitted, [] if now.source is source else [note]
+    return now, fitted, notes if now.source is source else [note, *notes]
+
+
+def _feasible(rounds: Sequence[tuple[Finer, FittedBoundary, int]]) -> tuple[Finer, FittedBoundary, int]:
+    """The last of the rounds whose fit allows an injective map, the very last if none does."""
+    for now, fitted, count in reversed(rounds):
+        if now.boundary.check(fitted).failure is None:
+            return now, fitted, count
+    return rounds[-1]
