@@ -84,6 +84,36 @@ def test_a_circle_in_one_curve_is_its_four_arcs():
     assert off_circles(result, [((0, 0), 1.3), ((0.2, 0.1), 0.4)]) < 1e-12
 
 
+def circle(arcs: int, axes, shift=(0.0, 0.0), start: float = 0.0) -> list[BSplineCurve]:
+    """An ellipse in equal arcs of its circle."""
+    angle = 2 * np.pi / arcs
+    made = [conics.arc(angle, start + k * angle) for k in range(arcs)]
+    return [c.with_control_points(c.control_points * axes + shift) for c in made]
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(3, 6), st.integers(3, 6), st.sampled_from([1, 2]), st.floats(0.8, 1.3), st.floats(0, 6))
+def test_ellipses_are_exact_however_they_are_cut(rim, hole, spans, wide, start):
+    shift = np.array([0.15, 0.1])
+    loops = [circle(rim, [1.3 * wide, 1.3], start=start), circle(hole, [0.4, 0.4 * wide], shift)]
+    result = pt.transfer(conics.annulus(spans=spans), Boundary(loops))
+    assert result.certificate.status == "certified"
+    assert result.boundary_error < 1e-12
+    assert "8 of 8 boundary sides" in result.log[0]
+    assert result.quality.scaled_jacobian.mean > 0.9
+    for centre, axes, loop in zip(
+        [(0, 0), shift], [[1.3 * wide, 1.3], [0.4, 0.4 * wide]], result.fitted.loops, strict=True
+    ):
+        x = np.concatenate([side.curve(np.linspace(*side.curve.domain, 50)) for side in loop])
+        np.testing.assert_allclose(np.hypot(*((x - centre) / axes).T), 1, rtol=0, atol=1e-13)
+
+
+def test_a_disc_becomes_an_ellipse():
+    result = pt.transfer(MultiPatch([conics.disc()]), Boundary([circle(3, [2.0, 1.0])]))
+    assert result.certificate.injective
+    assert result.boundary_error < 1e-12
+
+
 def test_the_map_is_near_the_best_of_the_same_knots():
     scipy = pytest.importorskip("scipy.optimize")
     result = pt.transfer(conics.annulus(), Boundary(ring(0.4, 1.3, 4, 0.0, [0.2, 0.0])), continuity="c0")

@@ -217,8 +217,8 @@ def fit_boundary(
         points, errors = fit.control_points(), fit.errors(True)
     else:
         points, errors = _iterate(fit, counts, pairs, tolerance * diameter, stiffness.max_stray)
-    points, _ = straighten(points, _single_corners(counts, single))
     points, errors = with_own(registration.loops, counts, points, errors)
+    points, _ = straighten(points, _single_corners(counts, single))
     return _collect(registration, points, errors / diameter, smooth, fixed, tolerance, diameter)
 
 

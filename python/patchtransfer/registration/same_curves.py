@@ -3,6 +3,7 @@
 Weights are exact for the arcs that they were made for. Where a whole loop, or all curves between two corners of the
 target, have them one by one, the sides become these curves: joints go to their ends and stay there, and there is
 nothing to fit. Degrees and knots may be fewer, weights have any common factor, and on a single span any speed.
+A loop of sides on one ellipse becomes any other ellipse, however that is cut.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..geometry.basis import knot_spans
 from ..geometry.curve import BSplineCurve
+from ..geometry.ellipse import Ellipse, turned
 from ..geometry.outline import Outline
 from ..numeric.arrays import FloatArray
 from .landmarks import read_landmark_rows
@@ -60,18 +62,27 @@ def with_same_curves(registration: Registration, landmarks: ArrayLike | None = N
     Registration
         ``loops[k].own`` has the curves, side by side; the same object if there are none.
     """
+    if all(side.weights is None for loop in registration.loops for side in loop.source.curves):
+        return registration
     rows = read_landmark_rows(landmarks)
-    loops, turned = list[LoopRegistration](), 0.0
-    for loop in registration.loops:
-        found = _Matching(loop, _given(registration, loop, rows), -turned).pinned()
-        loops.append(loop if found is None else found)
-        if loop is registration.loops[0] and found is not None:
-            # A round outline may turn by this part of itself; holes run the other way.
-            moved = found.joints[:-1] - loop.joints[:-1]
-            turned = float(np.mean(moved)) / loop.target.length
-            turned -= np.round(turned)
-    same = all(a is b for a, b in zip(loops, registration.loops, strict=True))
-    return registration if same else with_loops(registration, loops)
+    found: dict[int, LoopRegistration] = {}
+    turned: float | None = None
+    # Ellipses can start anywhere: where the loops before them do.
+    for find in (_Matching.curve_by_curve, _Matching.on_ellipse):
+        for k, loop in enumerate(registration.loops):
+            # What a round outline turns by, in parts of itself, holes turn by as well, which run the other way.
+            sense = -1.0 if k else 1.0
+            made = (
+                None if k in found else find(_Matching(loop, _given(registration, loop, rows), sense * (turned or 0)))
+            )
+            if made is not None:
+                found[k] = made
+                if turned is None:
+                    part = float(np.mean(made.joints[:-1] - loop.joints[:-1])) / loop.target.length
+                    turned = sense * (part - np.round(part))
+    if not found:
+        return registration
+    return with_loops(registration, [found.get(k, loop) for k, loop in enumerate(registration.loops)])
 
 
 def _given(registration: Registration, loop: LoopRegistration, rows: FloatArray) -> FloatArray:
@@ -91,14 +102,14 @@ class _Matching:
     loop : LoopRegistration
     given : (r, 2) array
         Arc lengths (source, target) of landmarks.
-    turned : float
+    ahead : float
         By what part of it joints of the loop should be farther along the target than they are registered.
     """
 
-    def __init__(self, loop: LoopRegistration, given: FloatArray, turned: float) -> None:
+    def __init__(self, loop: LoopRegistration, given: FloatArray, ahead: float) -> None:
         self.loop, self.given = loop, given
         self.sides, self.length = loop.source.curves, loop.target.length
-        self.images = loop.joints[:-1] + turned * self.length
+        self.images = loop.joints[:-1] + ahead * self.length
         self.rational = [side.weights is not None for side in self.sides]
         self._known: dict[tuple[int, int], BSplineCurve | None] = {}
         self.pieces: list[_Piece] = []
@@ -106,11 +117,9 @@ class _Matching:
             whole = any(len(_full_knots(side)) for side in self.sides)
             self.pieces = _pieces(loop.target, whole)
 
-    def pinned(self) -> LoopRegistration | None:
-        """The loop with its sides' own curves; None if there are none, or landmarks want something else."""
-        if not self.pieces:
-            return None
-        found = self._whole() or self._runs()
+    def curve_by_curve(self) -> LoopRegistration | None:
+        """The loop with curves of the target for sides; None if there are none, or landmarks want something else."""
+        found = (self._whole() or self._runs()) if self.pieces else {}
         return self._at(found) if found else None
 
     def _own(self, side: int, piece: int) -> BSplineCurve | None:
@@ -155,28 +164,50 @@ class _Matching:
                 found |= pairs if self._at({**found, **pairs}) is not None else {}
         return found
 
+    def on_ellipse(self) -> LoopRegistration | None:
+        """The loop with all sides on the ellipse that the target is, wherever it is cut; None where it is none."""
+        if not self.pieces:
+            return None
+        here, there = Ellipse.through(self.sides), Ellipse.through(self.loop.target.curves)
+        if here is None or there is None:
+            return None
+        starts = np.array([side.start for side in self.sides])
+        shifts = there.angles(self.loop.target.point(self.images)) - here.angles(starts)
+        angle = float(np.angle(np.exp(1j * shifts).mean()))
+        own = [
+            side.with_control_points(there.from_circle(turned(here.to_circle(side.control_points), angle)))
+            for side in self.sides
+        ]
+        at = self.loop.target.nearest(np.array([curve.start for curve in own]))[0]
+        return self._pinned(dict(enumerate(zip(own, at, np.roll(at, -1), strict=True))))
+
     def _at(self, pairs: dict[int, int]) -> LoopRegistration | None:
         """The loop with these sides on these pieces; None where points would not stay in order, or at landmarks."""
+        starts = [piece.start for piece in self.pieces]
+        own = {i: (self._own(i, k), k) for i, k in pairs.items()}
+        ends = {k: (start, starts[(k + 1) % len(starts)]) for k, start in enumerate(starts)}
+        return self._pinned({i: (curve, *ends[k]) for i, (curve, k) in own.items() if curve is not None})
+
+    def _pinned(self, sides: dict[int, tuple[BSplineCurve, float, float]]) -> LoopRegistration | None:
+        """The loop with curves that sides become, and the arc lengths of the target where they start and end."""
         loop, n = self.loop, len(self.sides)
         s_joints, rows = loop.source.joints, []
         inside = np.arange(1, INSIDE + 1) / (INSIDE + 1)
         gone = np.zeros(len(loop.anchors) - 1, bool)
-        for i, piece in pairs.items():
-            curve, start = self._own(i, piece), self.pieces[piece].start
-            assert curve is not None
+        for i, (curve, start, end) in sides.items():
             a, b = curve.domain
             feet = loop.target.nearest(curve((1 - inside) * a + inside * b))[0]
             rows.append((s_joints[i], start))
             rows += zip(loop.source.arc_length(i, (1 - inside) * a + inside * b), feet, strict=True)
-            if (i + 1) % n not in pairs:
-                rows.append((s_joints[i + 1] % loop.source.length, self.pieces[(piece + 1) % len(self.pieces)].start))
+            if (i + 1) % n not in sides:
+                rows.append((s_joints[i + 1] % loop.source.length, end))
             gone |= (loop.anchors[:-1, 0] % loop.source.length >= s_joints[i] - SAME * loop.source.length) & (
                 loop.anchors[:-1, 0] % loop.source.length <= s_joints[i + 1] + SAME * loop.source.length
             )
         anchors = _in_order(np.concatenate([loop.anchors[:-1][~gone], np.array(rows)]), loop)
         if anchors is None:
             return None
-        own = tuple(self._own(i, pairs[i]) if i in pairs else None for i in range(n))
+        own = tuple(sides[i][0] if i in sides else None for i in range(n))
         made = replace(loop, anchors=anchors, own=own)
         off = _gap(made.to_target(self.given[:, 0]), self.given[:, 1], self.length)
         return None if (off > OF_LANDMARKS * self.length).any() else made
@@ -289,6 +320,6 @@ def kept_note(loops: Sequence[LoopRegistration]) -> list[str]:
         return []
     total = sum(len(loop.source.curves) for loop in loops)
     return [
-        f"{count} of {total} boundary sides are the target's own curves, which have their degree, knots and weights: "
-        "they are exact, and their joints stay at the curves' ends"
+        f"{count} of {total} boundary sides are the target's own curves, or parts of its ellipses, by their weights: "
+        "they are exact, and their joints do not slide"
     ]
