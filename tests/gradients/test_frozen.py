@@ -40,7 +40,7 @@ def check(frozen, filled, d, step):
 
 
 @pytest.mark.parametrize("continuity", ["c0", "c1"])
-@pytest.mark.parametrize("name", models.EXAMPLES)
+@pytest.mark.parametrize("name", examples.EXAMPLES)
 def test_derivatives_on_all_examples(name, continuity):
     source, target, landmarks = examples.load(name)
     result = pt.transfer(source, target, landmarks, continuity, refine="never", on_failure="return")
@@ -314,3 +314,20 @@ def test_the_area_inside_a_boundary_is_exact():
         (area(b + step * d) - area(b - step * d)) / (2 * step), rel=1e-9
     )
     assert area(2 * b) == pytest.approx(4 * area(b), rel=1e-14)
+
+
+def test_a_frozen_circle_follows_its_outline_as_a_circle():
+    source, target, landmarks = examples.load("annulus")
+    frozen = pt.transfer(source, target, landmarks).freeze()
+    assert abs(frozen.area(frozen.boundary)[0] - np.pi * (1.3**2 - 0.4**2)) < 1e-13
+    outline = frozen.outline(target)
+    motion = np.zeros_like(outline.control_points)
+    motion[sum(len(curve.control_points) for curve in target.loops[0]) :] = [0.05, 0.02]
+    filled = frozen.fill(outline(outline.control_points + motion))
+    assert filled.certificate.status == "certified"
+    for curve in filled.multipatch.boundary().loops[1]:
+        x = curve(np.linspace(*curve.domain, 50)) - [0.3, 0.12]
+        np.testing.assert_allclose(np.hypot(*x.T), 0.4, rtol=0, atol=1e-13)
+    ones = np.ones_like(frozen.boundary)
+    length = 2 * np.pi * (1.3 + 0.4)
+    assert frozen.inner_product(ones, ones) == pytest.approx(2 * length, rel=1e-8)

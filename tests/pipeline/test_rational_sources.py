@@ -167,8 +167,6 @@ def test_what_takes_no_weights_offers_conversion():
     plan = TransferPlan(mp)
     with pytest.raises(InputError, match=r'rational .*method="paper".*to_polynomial'):
         plan.transfer(mp.boundary(), method="paper")
-    with pytest.raises(InputError, match=r"freeze: rational .*to_polynomial"):
-        plan.freeze()
 
 
 def test_layouts_take_rational_outlines():

@@ -14,15 +14,27 @@ from ..numeric.arrays import FloatArray, IntArray, distinct
 from ..numeric.dense import product
 from .basis import collocation_matrix
 from .patch import Patch
+from .rational import rational_basis
 from .sides import Side
 
-__all__ = ["SideGroup", "area_form", "enclosed_areas", "group_sides", "numbered", "polygon_area", "sides_around"]
+__all__ = [
+    "SideGroup",
+    "area_form",
+    "enclosed_areas",
+    "group_sides",
+    "numbered",
+    "polygon_area",
+    "rational_area_form",
+    "sides_around",
+]
 
 
 #: The sides of a right-handed patch counter-clockwise, and whether along or against their parameters.
 AROUND = ((Side.SOUTH, 1.0), (Side.EAST, 1.0), (Side.NORTH, -1.0), (Side.WEST, -1.0))
 
 
+#: Gauss nodes a span for quotients: areas of arcs of 120 degrees are exact to rounding.
+QUOTIENT_NODES = 24
 #: Coordinates whose products neither overflow nor underflow where it matters.
 SQUARES = (2.0**-200, 2.0**200)
 
@@ -106,3 +118,15 @@ def area_form(knot_bytes: bytes, degree: int) -> FloatArray:
     return np.asarray(
         product(collocation_matrix(knots, degree, nodes).T * weights, collocation_matrix(knots, degree, nodes, 1))
     )
+
+
+@lru_cache(maxsize=256)
+def rational_area_form(knot_bytes: bytes, degree: int, weight_bytes: bytes) -> FloatArray:
+    """Matrix of ∫ R_i R_j' dt of the basis functions with weights."""
+    knots = np.frombuffer(knot_bytes)
+    breaks = distinct(knots)
+    t, w = np.polynomial.legendre.leggauss(QUOTIENT_NODES)
+    half = np.diff(breaks)[:, None] / 2
+    nodes, weights = (breaks[:-1, None] + half * (t + 1)).ravel(), (half * w).ravel()
+    value, slope = rational_basis(knots, degree, np.frombuffer(weight_bytes), nodes)
+    return np.asarray(product(value.T * weights, slope))

@@ -8,8 +8,21 @@ from math import comb
 import numpy as np
 
 from ..numeric.arrays import FloatArray
+from .basis import collocation_matrix
 
-__all__ = ["quotient_derivative", "weighted"]
+__all__ = ["quotient_derivative", "rational_basis", "weighted"]
+
+
+def rational_basis(
+    knots: FloatArray, degree: int, weights: FloatArray | None, t: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Basis functions (m, n) with weights, or without, at parameters t, and their first derivatives."""
+    value, slope = (collocation_matrix(knots, degree, t, order) for order in (0, 1))
+    if weights is not None:
+        value, slope = value * weights, slope * weights
+        total, change = value.sum(axis=1, keepdims=True), slope.sum(axis=1, keepdims=True)
+        value, slope = value / total, (slope - value * change / total) / total
+    return value, slope
 
 
 def weighted(points: FloatArray, weights: FloatArray) -> FloatArray:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry.areas import area_form
+from ..geometry.areas import AROUND, area_form, rational_area_form
+from ..geometry.patch import Patch
+from ..geometry.sides import Side
 from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray
 
-__all__ = ["BoundaryArea"]
+__all__ = ["BoundaryArea", "patch_area"]
 
 
 class BoundaryArea:
@@ -26,8 +28,7 @@ class BoundaryArea:
         n = len(topology.boundary_points)
         rows, columns, values = [np.empty(0, int)], [np.empty(0, int)], [np.empty(0)]
         for side in (side for loop in topology.loops for side in loop):
-            patch, axis = topology.patches[side.patch], side.side.axis
-            form = area_form(patch.knots[axis].tobytes(), patch.degrees[axis])
+            form = _form(topology.patches[side.patch], side.side)
             at = np.searchsorted(topology.boundary_points, side.side.of(topology.points[side.patch]))
             i, j = np.meshgrid(at, at, indexing="ij")
             rows.append(i.ravel())
@@ -43,3 +44,21 @@ class BoundaryArea:
     def gradient(self, boundary: FloatArray) -> FloatArray:
         """Its derivative (n_b, 2) by the boundary points."""
         return np.column_stack([self._form @ boundary[:, 1], -(self._form @ boundary[:, 0])])
+
+
+def patch_area(patch: Patch) -> float:
+    """Signed area of a patch, with its weights."""
+    total = 0.0
+    for side, sign in AROUND:
+        x, y = side.of(patch.control_points - patch.control_points[0, 0]).T
+        form = _form(patch, side)
+        total += 0.5 * sign * float((x[:, None] * (form - form.T) * y).sum())
+    return total
+
+
+def _form(patch: Patch, side: Side) -> FloatArray:
+    """Matrix of ∫ R_i R_j' dt along a side."""
+    knots, degree = patch.knots[side.axis].tobytes(), patch.degrees[side.axis]
+    if patch.weights is None:
+        return area_form(knots, degree)
+    return rational_area_form(knots, degree, np.ascontiguousarray(side.of(patch.weights)).tobytes())

@@ -213,15 +213,9 @@ def freeze(
 
     Raises
     ------
-    InputError
-        On a rational source: the derivatives of its area are not those of control polygons.
     TransferError
         When no certified map is found on its boundary under the rows.
     """
-    if solver.source.is_rational:
-        raise InputError(
-            "freeze: rational (NURBS) sources have no derivatives yet; convert it: MultiPatch.to_polynomial"
-        )
     plain = Frozen(Problem(solver, space, excluded, Measure(NODES_PER_DEGREE, (), AREA_WEIGHT)), points, excluded)
     filled = plain.fill(plain.boundary)
     if filled.certificate.injective:

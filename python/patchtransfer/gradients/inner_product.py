@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry.basis import collocation_matrix, knot_spans
+from ..geometry.basis import knot_spans
+from ..geometry.rational import rational_basis
 from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray
 from ..numeric.dense import product
@@ -52,7 +53,8 @@ class InnerProduct:
         for side in (side for loop in topology.loops for side in loop):
             patch, axis = topology.patches[side.patch], side.side.axis
             index = side.side.of(topology.points[side.patch])
-            local = _side_matrix(patch.knots[axis], patch.degrees[axis], points[index], squared)
+            weights = None if patch.weights is None else side.side.of(patch.weights)
+            local = _side_matrix(patch.knots[axis], patch.degrees[axis], weights, points[index], squared)
             at = np.searchsorted(topology.boundary_points, index)
             i, j = np.meshgrid(at, at, indexing="ij")
             rows.append(i.ravel())
@@ -79,12 +81,14 @@ class InnerProduct:
         return self._factor.solve(np.asarray(derivative, float))
 
 
-def _side_matrix(knots: FloatArray, degree: int, points: FloatArray, squared: float) -> FloatArray:
+def _side_matrix(
+    knots: FloatArray, degree: int, weights: FloatArray | None, points: FloatArray, squared: float
+) -> FloatArray:
     """∫ N_i N_j + ℓ² N_i' N_j' ds of one side."""
     breaks = knot_spans(knots)
     t, w = np.polynomial.legendre.leggauss(degree + 2)
     half = np.diff(breaks)[:, None] / 2
-    nodes, weights = (breaks[:-1, None] + half * (t + 1)).ravel(), (half * w).ravel()
-    value, slope = (collocation_matrix(knots, degree, nodes, order) for order in (0, 1))
+    nodes, w = (breaks[:-1, None] + half * (t + 1)).ravel(), (half * w).ravel()
+    value, slope = rational_basis(knots, degree, weights, nodes)
     speed = np.hypot(*product(slope, points).T)
-    return product(value.T * (weights * speed), value) + squared * product(slope.T * (weights / speed), slope)
+    return product(value.T * (w * speed), value) + squared * product(slope.T * (w / speed), slope)

@@ -12,10 +12,11 @@ import numpy as np
 
 from ..errors import InputError
 from ..fitting.fit import SMOOTH_ANGLE
-from ..geometry.basis import collocation_matrix, knot_spans
+from ..geometry.basis import knot_spans
 from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..geometry.outline import Outline
+from ..geometry.rational import rational_basis
 from ..geometry.topology import BoundarySide, Topology
 from ..numeric.arrays import FloatArray, IntArray
 from ..numeric.dense import least_squares, product
@@ -134,11 +135,7 @@ class _Feet:
 
 def _curve_rows(curve: BSplineCurve, t: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Basis functions (n, m) of a curve with its weights, and their derivatives by arc length."""
-    value, slope = (collocation_matrix(curve.knots, curve.degree, t, order) for order in (0, 1))
-    if curve.weights is not None:
-        value, slope = value * curve.weights, slope * curve.weights
-        total, change = value.sum(axis=1, keepdims=True), slope.sum(axis=1, keepdims=True)
-        value, slope = value / total, (slope - value * change / total) / total
+    value, slope = rational_basis(curve.knots, curve.degree, curve.weights, t)
     return value, slope / np.hypot(*product(slope, curve.control_points).T)[:, None]
 
 
@@ -153,7 +150,8 @@ def _basis(side: BoundarySide, topology: Topology, samples: int) -> tuple[FloatA
     breaks = knot_spans(knots)
     inner = np.arange(samples * (len(breaks) - 1) + 1) / samples
     t = np.interp(inner, np.arange(len(breaks)), breaks)
-    return collocation_matrix(knots, degree, t), t
+    weights = None if patch.weights is None else side.side.of(patch.weights)
+    return rational_basis(knots, degree, weights, t)[0], t
 
 
 def _fit_loop(

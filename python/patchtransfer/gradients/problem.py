@@ -13,7 +13,7 @@ from ..geometry.areas import enclosed_areas, sides_around
 from ..interior.optimizer import Measure, SplineOptimizer, degenerate_corners
 from ..interior.solver import InteriorSolver
 from ..numeric.arrays import FloatArray
-from .boundary_area import BoundaryArea
+from .boundary_area import BoundaryArea, patch_area
 
 __all__ = ["Problem"]
 
@@ -60,7 +60,10 @@ class Problem:
         self._rows = None if space is None else (space.interior, space.particular, space.columns)
         self.n_rows = 0 if space is None else len(space.rows)
         self._excluded = sorted({*excluded, *degenerate_corners(reference)})
-        areas = enclosed_areas(reference, sides_around(reference), len(reference))
+        if self.source.is_rational:
+            areas = np.array([patch_area(patch) for patch in reference])
+        else:
+            areas = enclosed_areas(reference, sides_around(reference), len(reference))
         self._reference_area = float(np.abs(areas).sum())
         self._kept = _Kept()
 
