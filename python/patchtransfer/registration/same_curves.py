@@ -33,6 +33,8 @@ SAME = 1e-9
 CORNER = np.radians(2.0)
 #: A corner belongs to the joint whose image is nearer than this part of the loop.
 REACH = 0.02
+#: A round hole cut elsewhere by more than this part of a side is cut anew; eccentric annuli cut alike are a tenth off.
+TWIST = 0.2
 #: Landmarks keep their images to this part of the loop.
 OF_LANDMARKS = 1e-3
 #: Points of a side, beside its ends, whose images are kept.
@@ -68,13 +70,14 @@ def with_same_curves(registration: Registration, landmarks: ArrayLike | None = N
     found: dict[int, LoopRegistration] = {}
     turned: float | None = None
     # Ellipses can start anywhere: where the loops before them do.
-    for find in (_Matching.curve_by_curve, _Matching.on_ellipse):
+    for by_curve in (True, False):
         for k, loop in enumerate(registration.loops):
+            if k in found:
+                continue
             # What a round outline turns by, in parts of itself, holes turn by as well, which run the other way.
             sense = -1.0 if k else 1.0
-            made = (
-                None if k in found else find(_Matching(loop, _given(registration, loop, rows), sense * (turned or 0)))
-            )
+            matching = _Matching(loop, _given(registration, loop, rows), sense * (turned or 0))
+            made = matching.curve_by_curve(k > 0) if by_curve else matching.on_ellipse()
             if made is not None:
                 found[k] = made
                 if turned is None:
@@ -117,10 +120,21 @@ class _Matching:
             whole = any(len(_full_knots(side)) for side in self.sides)
             self.pieces = _pieces(loop.target, whole)
 
-    def curve_by_curve(self) -> LoopRegistration | None:
-        """The loop with curves of the target for sides; None if there are none, or landmarks want something else."""
+    def curve_by_curve(self, hole: bool) -> LoopRegistration | None:
+        """The loop with curves of the target for sides; None if there are none, or landmarks want something else.
+
+        Nor if it is a hole that would be twisted far, and an ellipse, which can be met exactly without.
+        """
         found = (self._whole() or self._runs()) if self.pieces else {}
-        return self._at(found) if found else None
+        made = self._at(found) if found else None
+        if made is not None and hole and self._twist(made) > TWIST and self.on_ellipse() is not None:
+            return None
+        return made
+
+    def _twist(self, made: LoopRegistration) -> float:
+        """By what part of a side joints are ahead of or behind the correspondence of shapes, in the mean."""
+        part = np.mod((made.joints[:-1] - self.images) / self.length + 0.5, 1.0) - 0.5
+        return abs(float(part.mean())) * len(self.sides)
 
     def _own(self, side: int, piece: int) -> BSplineCurve | None:
         if (side, piece) not in self._known:
