@@ -270,7 +270,8 @@ def reproduce(
     folder : path
         Made if it does not exist.
     names : sequence of str, optional
-        Samples; default all of `examples.EXAMPLES` without weights, which the paper's method lacks. Figures without a sample are left out.
+        Samples; default all of `examples.EXAMPLES` without weights, which the paper's method lacks. Figures without a
+        sample are left out.
     progress : callable, optional
         Called with a line of text before every part.
 
