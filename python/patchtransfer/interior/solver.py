@@ -24,7 +24,7 @@ from ..numeric.compressed import Compressed
 from ..progress import Budget, Clock, Progress, reporter
 from ..proof.certificate import BoundaryReport, Certificate, certify
 from .interior_map import InteriorMap
-from .opened import with_open_corners
+from .opened import OPENED, with_open_corners
 from .optimizer import (
     MAX_STEPS,
     ROUGH,
@@ -51,7 +51,6 @@ CONTINUITY = ("c0", "c1", "g1")
 FAR = 100.0
 #: Part of the work for rows, which need most of it; the rest is for finding a map without them.
 ROWS_SHARE = 0.65
-OPENED = "corners where a patch fills a straight angle inside: distortion is measured with these corners open"
 #: Optimizers under rows that a thread keeps, one a pattern of the null-space basis: of C1, and of exact G1 twice.
 KEPT_PATTERNS = 3
 
@@ -240,11 +239,10 @@ class InteriorSolver:
             )
             stage.found = _figures(found)
         log += entries
-        opened = None if certificate.injective or budget.expired() else self._opened
-        if opened is not None:
-            with_open = opened._certified(start, degenerate, check, progress, clock, budget)
-            if with_open.certificate.injective:
-                return replace(with_open, log=[*log, OPENED, *with_open.log])
+        if not (certificate.injective or budget.expired()) and self._opened is not None:
+            opened = self._opened._certified(start, degenerate, check, progress, clock, budget)
+            if opened.certificate.injective:
+                return replace(opened, log=[*log, OPENED, *opened.log])
         if spare is not None and not certificate.injective:
             return replace(spare, log=[*log, "the certified map under rows is kept, though its corners collapse"])
         if not (self._levels and certificate.injective) or budget.expired():
@@ -264,8 +262,7 @@ class InteriorSolver:
     ) -> tuple[InteriorMap, bool]:
         """Rows that follow a map without them: C1 first, then exact G1 that follows the C1 map.
 
-        Also whether the result is certified with rows on all interfaces that can have any; after a single round it is
-        of no use otherwise.
+        Also whether it is certified with rows on all interfaces that can have any: of no use otherwise after one round.
         """
         log: list[str] = []
         make, complete = partial(self.optimizer, degenerate), True
