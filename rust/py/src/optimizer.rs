@@ -6,7 +6,7 @@ use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use patchtransfer_core::distortion::HessianKind;
 use patchtransfer_core::numeric::sparse::{CooMatrix, CscMatrix};
-use patchtransfer_core::optimizer::{Model, Settings, SplineOptimizer as Core, Step, Stop};
+use patchtransfer_core::optimizer::{MAX_POWER, Model, Settings, SplineOptimizer as Core, Step, Stop};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use std::ops::ControlFlow;
@@ -193,8 +193,10 @@ impl SplineOptimizer {
         scale: Option<f64>,
         power: u32,
     ) -> PyResult<Outcome<'py>> {
-        if power == 0 {
-            return Err(PyValueError::new_err("the power of the energy is at least 1"));
+        if !(1..=MAX_POWER).contains(&power) {
+            return Err(PyValueError::new_err(format!(
+                "the power of the energy is 1 to {MAX_POWER}, got {power}"
+            )));
         }
         let end = Deadline::after(seconds);
         let x = self.shared_points(&points)?;

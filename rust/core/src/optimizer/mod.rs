@@ -30,7 +30,7 @@ use crate::optimizer::laplacian::Laplacian;
 use crate::optimizer::linearised::Place;
 pub use crate::optimizer::linearised::{Field, Motions};
 use crate::optimizer::newton::{EPS_FEASIBLE, NewtonProblem};
-pub use crate::optimizer::newton::{Outcome, Settings, Step, Stop};
+pub use crate::optimizer::newton::{MAX_POWER, Outcome, Settings, Step, Stop};
 use crate::optimizer::ordering::{Net, nested_dissection};
 use crate::optimizer::reduced::Reduced;
 pub use crate::optimizer::settled::Settled;

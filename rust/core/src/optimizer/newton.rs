@@ -16,6 +16,9 @@ use std::ops::ControlFlow;
 
 /// ε once every node is fold-free: small enough to be a barrier, large enough to divide by.
 pub(crate) const EPS_FEASIBLE: f64 = 1e-9;
+/// Largest power of the energy density: where the determinant is 0 and ε = 1e-9 stands for it, this power and its
+/// derivatives are numbers still.
+pub const MAX_POWER: u32 = 32;
 /// Newton steps for one value of ε while folds remain.
 const STEPS_PER_EPS: usize = 4;
 /// Factor of ε where the folds do not open: it must fall all the same, or the iteration would stay where it is.
@@ -47,7 +50,7 @@ const SHORTEST: f64 = 1e-8;
 pub struct Settings {
     /// Weight λ of the area term.
     pub lambda: f64,
-    /// Power of the energy density; 1 for the energy itself.
+    /// Power of the energy density, 1 to [`MAX_POWER`]; 1 for the energy itself.
     pub power: u32,
     /// Newton steps at most.
     pub max_steps: usize,

@@ -459,14 +459,14 @@ fn powers_lower_the_largest_distortion() {
     let mut points = optimizer.harmonic(&x).unwrap();
     let go_on = |_: &Step| ControlFlow::Continue(());
     let mut last = f64::INFINITY;
-    for power in [1, 2, 4, 8, 16, 32] {
+    for power in [1, 2, 4, 8, 16] {
         let found = optimizer.minimise(&points, Settings { power, ..SETTINGS }, go_on).unwrap();
         assert!(found.stop == Stop::Converged && found.min_det > 0.0, "{power}: {:?}", found.stop);
         // Newton's method on the true Hessian needs few steps from one power to the next.
         assert!(found.steps.len() < 25, "{power}: {}", found.steps.len());
-        // The norm for p = 64 nears the largest distortion: minima for larger powers have a smaller one.
+        // The norm for the largest p nears the largest distortion: minima for larger powers have a smaller one.
         let scale = optimizer.scale_to_mean(&found.points);
-        let at = Parameters { scale, eps: EPS_FEASIBLE, lambda: SETTINGS.lambda, power: 64 };
+        let at = Parameters { scale, eps: EPS_FEASIBLE, lambda: SETTINGS.lambda, power: MAX_POWER };
         let largest = optimizer.problem.evaluator.energy(&found.points, at).energy;
         assert!(largest <= last * (1.0 + 1e-9), "{power}: {largest} {last}");
         (last, points) = (largest, found.points);
