@@ -107,7 +107,7 @@ def multipatch(
     >>> source, _, _ = examples.load("star")
     >>> figure = multipatch(source, color="condition", ids=True)
     >>> [text.get_text() for text in figure.axes[0].texts]
-    ['0', '1', '2', '3', '4']
+    ['0', '1', '2', '3', '4', '5']
     """
     ax = new_axes(np.concatenate(side_lines(mp))) if ax is None else ax
     mappable = draw_multipatch(ax, mp, iso_lines, color=color, source=source, ids=ids, control_net=control_net)
