@@ -216,7 +216,7 @@ def _draw_net(ax: Axes, mp: MultiPatch) -> None:
     """Control polygons and points, over the lines."""
     nets = [line for patch in mp.patches for net in (patch.control_points,) for line in (*net, *net.swapaxes(0, 1))]
     draw_lines(ax, nets, NET, 0.5, 4)
-    ax.plot(*mp.topology.coordinates.T, linestyle="none", marker="s", markersize=2.2, color=NET, zorder=5)
+    ax.plot(*mp.topology.coordinates.T, linestyle="none", marker="s", markersize=1.7, color=NET, zorder=5)
     ax.autoscale_view()
 
 

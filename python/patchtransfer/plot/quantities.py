@@ -103,7 +103,7 @@ def check_color(color: str | None, source: MultiPatch | None) -> None:
     if color is not None and color not in COLORS:
         raise InputError(f"color = {color!r} is unknown; use one of {', '.join(COLORS)}, or None")
     if color in QUANTITIES and QUANTITIES[color].relative and source is None:
-        raise InputError(f"color = {color!r} is of the map from another model: give it as source=...")
+        raise InputError(f"color = {color!r} is of the map from another model: give it as source=... (--source)")
 
 
 class Sampled(NamedTuple):
