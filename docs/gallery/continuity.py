@@ -7,8 +7,6 @@ interfaces up to a constant factor, "g1" for exact, analysis-suitable G1, on whi
 Rows at the boundary and at extraordinary vertices are left out where they would fold the map.
 """
 
-import matplotlib.pyplot as plt
-
 import patchtransfer as pt
 from patchtransfer import examples
 
@@ -31,9 +29,7 @@ assert kinks["c1"] < 0.8 * kinks["c0"] < kinks["g1"]
 assert results["g1"].continuity.as_g1_residual < 1e-11 < results["c1"].continuity.as_g1_residual
 assert all(result.certificate.injective for result in results.values())
 
-figure, axes = plt.subplots(1, 3, figsize=(10, 6), layout="constrained")
-for ax, (kind, result) in zip(axes, results.items(), strict=True):
-    pt.plot.multipatch(result.multipatch, ax=ax, colorbar=False, title=f"{kind}, mean kink {kinks[kind]:.1f}°")
+figure = pt.plot.kinks({kind: result.multipatch for kind, result in results.items()})
 
 # %%
 # The paper's Fig. 10: how control polygons bend across the interfaces that bend most.

@@ -21,8 +21,8 @@ from .geometry import blocks, display, exchange, origins
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 display.draw_with(
-    lambda shown: import_module(".plot", __name__).png(shown),
-    lambda shown: import_module(".plot", __name__).html(shown),
+    lambda shown: import_module(".web.notebook", __name__).svg(shown),
+    lambda shown, picture: import_module(".web.notebook", __name__).html(shown, picture),
     lambda shown: import_module(".web.report", __name__).transfer_page(shown),
 )
 exchange.find_with(

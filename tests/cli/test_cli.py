@@ -129,6 +129,19 @@ def test_warnings_go_to_standard_error(files):
     assert "ambiguous" not in result.stdout
 
 
+def test_plot_has_the_options_of_the_function(files):
+    picture, model = files / "p.svg", files / "source.xml"
+    options = ("--color", "dilatation", "--source", model, "--ids", "--control-net")
+    result = run("plot", model, "-o", picture, *options)
+    assert result.exit_code == 0, result.output
+    assert ">dilatation<" in picture.read_text()
+    assert ">0<" in picture.read_text()
+    assert run("plot", model, "-o", picture, "--color", "none").exit_code == 0
+    wrong = run("plot", model, "-o", picture, "--color", "dilatation")
+    assert wrong.exit_code != 0
+    assert "--source" in wrong.output
+
+
 def test_check_and_plot(files):
     result = run("check", files / "source.xml")
     assert result.exit_code == 0

@@ -197,9 +197,10 @@ def contrast(a, b):
 @pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
 def test_colours_are_legible(scheme):
     """Lines at 3 : 1 and words at 4.5 : 1, as the guidelines for web content have it."""
-    style = report._environment().globals["page_css"]
-    blocks = re.findall(r":root \{(.*?)\}", style, re.DOTALL)
-    colours = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", blocks[scheme]))
+    colours = {}
+    for part in ("palette_css", "picture_css"):
+        blocks = re.findall(r":root ?\{(.*?)\}", report._environment().globals[part], re.DOTALL)
+        colours |= dict(re.findall(r"--([\w-]+): ?(#[0-9a-f]{6})", blocks[scheme]))
     for ground in (colours["ground"], colours["panel"]):
         for name in ("ink", "quiet", "accent", "good", "bad"):
             assert contrast(colours[name], ground) >= 4.5, name

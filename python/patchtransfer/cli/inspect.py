@@ -139,15 +139,29 @@ def check(file: str, html_path: str | None, json_path: str | None) -> None:
 @click.command()
 @click.argument("file", type=click.Path())
 @click.option("-o", "--output", required=True, metavar="P.png", help="Picture (PNG, PDF or SVG).")
-def plot(file: str, output: str) -> None:
-    """Draw the multi-patch FILE: iso-parametric lines coloured by scaled Jacobian."""
+@click.option(
+    "--color",
+    default="scaled_jacobian",
+    metavar="NAME",
+    show_default=True,
+    help="What lines show: scaled_jacobian, condition, stretch, dilatation, patch or none.",
+)
+@click.option(
+    "--source", "source_path", metavar="S.xml", help="For stretch and dilatation: a model of the same layout."
+)
+@click.option("--ids", is_flag=True, help="Number the patches.")
+@click.option("--control-net", is_flag=True, help="Draw the control nets.")
+def plot(file: str, output: str, color: str, source_path: str | None, ids: bool, control_net: bool) -> None:
+    """Draw the multi-patch FILE: iso-parametric lines coloured by quality."""
     from .. import io
     from ..plot import figures as plots
 
     with failures(Report(None)):
         check_outputs(picture=output)
-        keep_inputs([file], [output])
-        figure = plots.multipatch(io.read(file))
+        keep_inputs([file, *([source_path] if source_path else [])], [output])
+        source = io.read(source_path) if source_path else None
+        named = None if color == "none" else color
+        figure = plots.multipatch(io.read(file), color=named, source=source, ids=ids, control_net=control_net)
         plots.savefig(figure, output)
 
 

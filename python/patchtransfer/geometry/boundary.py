@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from . import display
 from .curve import BSplineCurve
+from .display import Shown
 from .origins import make
 from .packing import PackedCurves, pack_curves, unpack_curves
 
@@ -23,7 +23,7 @@ SHOWN = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Boundary:
+class Boundary(Shown):
     """Closed boundary loops of a planar domain, each a chain of curves.
 
     Parameters
@@ -204,12 +204,6 @@ class Boundary:
         points = np.concatenate([curve.control_points for loop in self.loops for curve in loop])
         # Without squares, which overflow.
         return float(np.hypot(*np.ptp(points, axis=0)))
-
-    def _repr_png_(self) -> bytes | None:
-        return display.as_png(self)
-
-    def _repr_html_(self) -> str | None:
-        return display.as_html(self)
 
 
 def _unpacked_boundary(loops: list[PackedCurves], notes: tuple[str, ...]) -> Boundary:

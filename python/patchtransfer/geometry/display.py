@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
-__all__ = ["as_html", "as_page", "as_png", "draw_with"]
+__all__ = ["Shown", "as_page", "draw_with"]
 
-_png: Callable[[Any], bytes] | None = None
-_html: Callable[[Any], str] | None = None
+_svg: Callable[[Any], str] | None = None
+_html: Callable[[Any, str], str] | None = None
 _page: Callable[[Any], str] | None = None
 
 
-def draw_with(png: Callable[[Any], bytes], html: Callable[[Any], str], page: Callable[[Any], str]) -> None:
-    """Set what draws."""
-    global _png, _html, _page
-    _png, _html, _page = png, html, page
+def draw_with(svg: Callable[[Any], str], html: Callable[[Any, str], str], page: Callable[[Any], str]) -> None:
+    """Set what draws: a picture, a table beside a picture, and a page."""
+    global _svg, _html, _page
+    _svg, _html, _page = svg, html, page
 
 
-def as_png(shown: object) -> bytes | None:
-    """PNG picture, None if nothing draws."""
-    return None if _png is None else _png(shown)
+class Shown:
+    """What notebooks show as a picture, drawn once: values do not change."""
 
+    @cached_property
+    def _picture(self) -> str | None:
+        return None if _svg is None else _svg(self)
 
-def as_html(shown: object) -> str | None:
-    """HTML description, None if nothing draws."""
-    return None if _html is None else _html(shown)
+    def _repr_svg_(self) -> str | None:
+        return self._picture
+
+    def _repr_html_(self) -> str | None:
+        return None if _html is None or self._picture is None else _html(self, self._picture)
 
 
 def as_page(shown: object) -> str:

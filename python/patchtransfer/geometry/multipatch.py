@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike
 from .._core import Locator
 from ..errors import InputError, InputWarning
 from ..numeric.arrays import FloatArray, IntArray, frozen_array
-from . import display, exchange
+from . import exchange
 from .blocks import Block, Parts, renumbered
 from .boundary import Boundary
 from .conformity.conforming import Conforming, conforming
+from .display import Shown
 from .interfaces import check_interfaces, infer_interfaces
 from .labels import Labels, checked, relabelled
 from .location import locate
@@ -39,7 +40,7 @@ __all__ = ["MultiPatch"]
 
 
 @dataclass(frozen=True, eq=False)
-class MultiPatch:
+class MultiPatch(Shown):
     """Tensor-product patches and how they are glued.
 
     Parameters
@@ -435,12 +436,6 @@ class MultiPatch:
             Without PyVista: ``pip install 'patchtransfer[pyvista]'``.
         """
         return exchange.call("to_pyvista", self)
-
-    def _repr_png_(self) -> bytes | None:
-        return display.as_png(self)
-
-    def _repr_html_(self) -> str | None:
-        return display.as_html(self)
 
     @cached_property
     def _locator(self) -> Locator:

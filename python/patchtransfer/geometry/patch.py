@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from .._core import evaluate_tensor
 from ..errors import InputError
 from ..numeric.arrays import FloatArray, frozen_array, same_bits
-from . import display
 from .basis import (
     check_inside,
     check_knots,
@@ -25,6 +24,7 @@ from .basis import (
     insert_knots,
     knot_spans,
 )
+from .display import Shown
 from .rational import quotient_derivative, weighted
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ __all__ = ["Patch"]
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class Patch(Shown):
     """A planar tensor-product B-spline or NURBS patch.
 
     Parameters
@@ -276,9 +276,3 @@ class Patch:
     def from_scipy(cls, spline: NdBSpline) -> Self:
         """Take over a clamped bivariate `scipy.interpolate.NdBSpline` with values in the plane."""
         return cls(spline.t, spline.k, spline.c)
-
-    def _repr_png_(self) -> bytes | None:
-        return display.as_png(self)
-
-    def _repr_html_(self) -> str | None:
-        return display.as_html(self)

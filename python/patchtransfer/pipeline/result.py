@@ -259,8 +259,8 @@ class TransferResult:
             f"{self.boundary_error:.1e}>"
         )
 
-    def _repr_png_(self) -> bytes | None:
-        return self.multipatch._repr_png_()
+    def _repr_svg_(self) -> str | None:
+        return self.multipatch._repr_svg_()
 
     def _repr_html_(self) -> str:
         summary = escape(repr(self)[1:-1])

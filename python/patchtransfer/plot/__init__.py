@@ -3,13 +3,14 @@
 from .continuity import c1_spans
 from .dilatation import dilatation
 from .fields import solution
-from .figures import boundary, html, multipatch, png, registration, savefig, slope_difference, transfer
+from .figures import boundary, multipatch, png, registration, savefig, slope_difference, transfer
+from .kinks import kinks
 
 __all__ = [
     "boundary",
     "c1_spans",
     "dilatation",
-    "html",
+    "kinks",
     "multipatch",
     "png",
     "registration",

@@ -13,9 +13,12 @@ import numpy as np
 from ..errors import InputError
 from ..files import write_atomic
 from ..geometry.multipatch import MultiPatch
-from . import figures as plot
+from .drawing import draw_multipatch, finish, side_lines
 
 __all__ = ["animate", "check_animation", "ffmpeg_path"]
+
+#: Inches of a picture's longer side, and white around the motion, in parts of it.
+LONGEST, MARGIN = 6.4, 0.02
 
 
 def animate(
@@ -26,7 +29,7 @@ def animate(
     dpi: int = 100,
     iso_lines: int | None = None,
 ) -> None:
-    """Draw every model as in `plot.multipatch`, in one frame of reference, and write them as an animation.
+    """Draw every model as in `plot.multipatch`, in one frame that all of them just fit into, and write an animation.
 
     Parameters
     ----------
@@ -36,7 +39,7 @@ def animate(
     fps : int, default 15
         Frames a second.
     dpi : int, default 100
-        Dots per inch of a picture about 6.4 inches wide.
+        Dots per inch of a picture whose longer side is 6.4 inches.
     iso_lines : int, optional
         As in `plot.multipatch`.
 
@@ -52,14 +55,16 @@ def animate(
     import matplotlib
     from matplotlib.animation import FFMpegWriter, PillowWriter
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    outline = np.concatenate([model.topology.coordinates for model in models])
+    outline = np.concatenate([line for model in models for line in side_lines(model)])
     low, high = outline.min(axis=0), outline.max(axis=0)
-    margin = 0.03 * float((high - low).max())
+    margin = MARGIN * float((high - low).max())
     width, height = (high - low + 2 * margin).tolist()
-    figure = plot.new_figure((6.4 * width / max(width, height) + 0.2, 6.4 * height / max(width, height) + 0.2))
+    longest = max(width, height)
+    figure = Figure(figsize=(LONGEST * width / longest, LONGEST * height / longest))
     FigureCanvasAgg(figure)
-    axes = figure.subplots()
+    axes = figure.add_axes((0, 0, 1, 1))
     # A GIF has no second direction: it gets the way back as frames.
     gif = path.suffix.lower() == ".gif"
     order = [*range(len(models)), *(range(len(models) - 2, 0, -1) if gif else ())]
@@ -73,7 +78,8 @@ def animate(
             with writer.saving(figure, str(made), dpi):
                 for index in order:
                     axes.clear()
-                    plot.multipatch(models[index], ax=axes, iso_lines=iso_lines, colorbar=False)
+                    draw_multipatch(axes, models[index], iso_lines)
+                    finish(axes, None)
                     axes.set_xlim(low[0] - margin, high[0] + margin)
                     axes.set_ylim(low[1] - margin, high[1] + margin)
                     writer.grab_frame(facecolor="white")

@@ -13,6 +13,7 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.topology import BoundarySide
 from ..measure.smooth_spans import c1_share, smooth_spans
 from ..numeric.arrays import FloatArray
+from .drawing import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,8 +63,6 @@ def slope_difference(before: MultiPatch, after: MultiPatch, interfaces: Sequence
     InputError
         When the models' interfaces differ, there are none, or an interface does not exist.
     """
-    from matplotlib.figure import Figure
-
     if before.interfaces != after.interfaces or not before.interfaces:
         raise InputError("slope differences need two multi-patches with the same interfaces, and at least one")
     red, blue = slope_differences(before), slope_differences(after)
@@ -75,7 +74,7 @@ def slope_difference(before: MultiPatch, after: MultiPatch, interfaces: Sequence
         raise InputError(f"interface {missing[0] if missing else '(none)'} does not exist; there are {len(red)}")
     columns = min(3, len(interfaces))
     rows = -(-len(interfaces) // columns)
-    figure = Figure(figsize=(3.1 * columns + 0.6, 2.3 * rows + 0.5), layout="constrained")
+    figure = new_figure((3.1 * columns + 0.6, 2.3 * rows + 0.5))
     top = max(1.0, *(float(np.nanmax(side[i], initial=0.0)) for side in (red, blue) for i in interfaces))
     for k, index in enumerate(interfaces):
         ax = figure.add_subplot(rows, columns, k + 1)
@@ -116,10 +115,9 @@ def c1_spans(mp: MultiPatch) -> Figure:
     "C1 on 0.00 of the interfaces' length"
     """
     from matplotlib.collections import LineCollection
-    from matplotlib.figure import Figure
 
     spans = smooth_spans(mp)
-    figure = Figure(figsize=(6, 6), layout="constrained")
+    figure = new_figure((6, 6))
     ax = figure.add_subplot()
     outline = [curve(np.linspace(*curve.domain, POINTS * 4)) for loop in mp.boundary().loops for curve in loop]
     ax.add_collection(LineCollection(outline, colors="black", linewidths=0.9))

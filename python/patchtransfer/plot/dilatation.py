@@ -11,6 +11,7 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..measure.common_layout import common_layout
 from ..numeric.arrays import FloatArray
+from .drawing import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,14 +46,13 @@ def dilatation(a: MultiPatch, b: MultiPatch, title: str | None = None) -> Figure
         When the models are not of one layout.
     """
     from matplotlib.collections import PolyCollection
-    from matplotlib.figure import Figure
 
     a, b = common_layout(a, b)
     fields = [
         _field(p, q, _between(p, 0, FINE), _between(p, 1, FINE)) for p, q in zip(a.patches, b.patches, strict=True)
     ]
     middles = [_field(p, q, _between(p, 0, 1), _between(p, 1, 1)) for p, q in zip(a.patches, b.patches, strict=True)]
-    figure = Figure(figsize=(7.2, 5.6), layout="constrained")
+    figure = new_figure((7.2, 5.6))
     ax = figure.add_subplot()
     top = max(float(np.nanmax(values, where=np.isfinite(values), initial=1e-6)) for _, _, values in fields)
     mesh = None

@@ -10,14 +10,14 @@ from ..geometry.basis import knot_spans
 from ..geometry.multipatch import MultiPatch
 from ..iga import PoissonResult
 from ..numeric.arrays import FloatArray
-from .figures import INK, _draw_lines, _finish, _panels, _sides
+from .drawing import INK, draw_lines, finish, panels, side_lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-__all__ = ["solution"]
+__all__ = ["draw_field", "even_grid", "solution"]
 
 #: Values of the other sign that are rounding, relative to the largest.
 ROUNDING = 1e-6
@@ -38,7 +38,7 @@ def solution(result: PoissonResult, titles: tuple[str, str] = ("solution", "abso
     matplotlib.figure.Figure
     """
     mp = result.multipatch
-    grids = [_grid(mp, k) for k in range(len(mp))]
+    grids = [even_grid(mp, k) for k in range(len(mp))]
     points = [patch.grid(u, v) for patch, (u, v) in zip(mp.patches, grids, strict=True)]
     values = [result.field.grid(k, u, v) for k, (u, v) in enumerate(grids)]
     low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
@@ -47,11 +47,11 @@ def solution(result: PoissonResult, titles: tuple[str, str] = ("solution", "abso
     if result.exact is not None:
         errors = [np.abs(result.exact(p[..., 0], p[..., 1]) - u) for p, u in zip(points, values, strict=True)]
         layers.append((titles[1], "magma_r", errors))
-    figure, axes = _panels([np.concatenate(_sides(mp))] * len(layers), 1.6 * len(layers))
+    figure, axes = panels([np.concatenate(side_lines(mp))] * len(layers), 1.6 * len(layers))
     for ax, (title, colors, layer) in zip(axes, layers, strict=True):
-        mappable = _draw_field(ax, points, layer, colors)
-        _draw_lines(ax, _sides(mp), width=0.9)
-        _finish(ax, title)
+        mappable = draw_field(ax, points, layer, colors)
+        draw_lines(ax, side_lines(mp), width=0.9)
+        finish(ax, title)
         bar = figure.colorbar(mappable, ax=ax, shrink=0.8, aspect=28, pad=0.02)
         bar.ax.ticklabel_format(scilimits=(-3, 4))
         bar.outline.set_visible(False)
@@ -59,7 +59,7 @@ def solution(result: PoissonResult, titles: tuple[str, str] = ("solution", "abso
     return figure
 
 
-def _grid(mp: MultiPatch, k: int) -> tuple[FloatArray, FloatArray]:
+def even_grid(mp: MultiPatch, k: int) -> tuple[FloatArray, FloatArray]:
     """Even parameters that contain the knots."""
     u, v = (
         np.unique(np.linspace(b[:-1], b[1:], -(-INTERVALS // (len(b) - 1)) + 1))
@@ -68,7 +68,7 @@ def _grid(mp: MultiPatch, k: int) -> tuple[FloatArray, FloatArray]:
     return u, v
 
 
-def _draw_field(ax: Axes, points: list[FloatArray], values: list[FloatArray], colors: str) -> ScalarMappable:
+def draw_field(ax: Axes, points: list[FloatArray], values: list[FloatArray], colors: str) -> ScalarMappable:
     """Shaded patches on one scale, symmetric about zero where the values have both signs."""
     from matplotlib.colors import Normalize
 

@@ -15,18 +15,17 @@ from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..iga import PoissonResult
 from ..numeric.arrays import FloatArray
-from ..plot.fields import _draw_field, _grid
-from ..plot.figures import (
+from ..plot.drawing import (
     INK,
-    _colorbar,
-    _draw_boundary,
-    _draw_lines,
-    _draw_multipatch,
-    _finish,
-    _rendered,
-    _sides,
+    color_bar,
+    draw_boundary,
+    draw_lines,
+    draw_multipatch,
+    finish,
     new_figure,
+    side_lines,
 )
+from ..plot.fields import draw_field, even_grid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +45,9 @@ def save(figure: Figure, path: Path) -> None:
     """Write a PNG with a palette, half the size of the full one."""
     from PIL import Image
 
-    with Image.open(BytesIO(_rendered(figure, "png", DPI))) as picture:
+    from ..plot.picture import rendered
+
+    with Image.open(BytesIO(rendered(figure, "png", DPI))) as picture:
         small = picture.convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3, dither=Image.Dither.NONE)
     buffer = BytesIO()
     small.save(buffer, format="PNG", optimize=True)
@@ -65,11 +66,11 @@ def decompositions(models: Sequence[tuple[MultiPatch, Boundary, MultiPatch]], na
     figure, axes = _sheet(len(models), 4)
     for row, name, (source, target, result) in zip(axes, names, models, strict=True):
         _draw_patches(row[0], source)
-        _draw_boundary(row[1], target, width=1.0, dots=False)
+        draw_boundary(row[1], target, width=1.0, dots=False)
         _draw_patches(row[2], result)
         _draw_iso_lines(row[3], result)
         for ax, title in zip(row, ("source", "target", "result", "iso-lines"), strict=True):
-            _finish(ax, f"{name}: {title}")
+            finish(ax, f"{name}: {title}")
     return figure
 
 
@@ -80,7 +81,7 @@ def _draw_patches(ax: Axes, mp: MultiPatch) -> None:
 
     outlines = [
         np.concatenate([g[:-1, 0], g[-1, :-1], g[:0:-1, -1], g[0, :0:-1]])
-        for g in (p.grid(*_grid(mp, k)) for k, p in enumerate(mp.patches))
+        for g in (p.grid(*even_grid(mp, k)) for k, p in enumerate(mp.patches))
     ]
     colors = colormaps["tab20"](np.arange(len(mp)) % 20)
     ax.add_collection(PolyCollection(outlines, facecolors=colors, edgecolors=INK, linewidths=0.6))
@@ -89,11 +90,11 @@ def _draw_patches(ax: Axes, mp: MultiPatch) -> None:
 def _draw_iso_lines(ax: Axes, mp: MultiPatch) -> None:
     lines: list[FloatArray] = []
     for k, patch in enumerate(mp.patches):
-        u, v = _grid(mp, k)
+        u, v = even_grid(mp, k)
         at_u, at_v = (np.linspace(t[0], t[-1], ISO_LINES + 1) for t in (u, v))
         lines += [*patch.grid(at_u, v), *patch.grid(u, at_v).swapaxes(0, 1)]
-    _draw_lines(ax, lines, color="#5f6b7a", width=0.4)
-    _draw_lines(ax, _sides(mp), width=1.0)
+    draw_lines(ax, lines, color="#5f6b7a", width=0.4)
+    draw_lines(ax, side_lines(mp), width=1.0)
 
 
 def colour_maps(pairs: Sequence[tuple[MultiPatch, MultiPatch]], names: Sequence[str]) -> Figure:
@@ -114,9 +115,10 @@ def steps(models: Sequence[MultiPatch], titles: Sequence[str]) -> Figure:
 def _coloured(figure: Figure, axes: NDArray[np.object_], models: Sequence[MultiPatch], titles: Sequence[str]) -> None:
     for k, ax in enumerate(axes):
         if k < len(models):
-            shown = _draw_multipatch(ax, models[k], iso_lines=2)
-        _finish(ax, titles[k] if k < len(models) else None)
-    _colorbar(figure, shown, axes.tolist())
+            shown = draw_multipatch(ax, models[k], iso_lines=2)
+        finish(ax, titles[k] if k < len(models) else None)
+    assert shown is not None
+    color_bar(figure, shown, axes.tolist())
 
 
 def solutions(results: Sequence[PoissonResult], names: Sequence[str]) -> Figure:
@@ -124,7 +126,7 @@ def solutions(results: Sequence[PoissonResult], names: Sequence[str]) -> Figure:
     figure, axes = _sheet(2, len(results), extra=0.6 * len(results))
     for column, (name, result) in enumerate(zip(names, results, strict=True)):
         mp = result.multipatch
-        grids = [_grid(mp, k) for k in range(len(mp))]
+        grids = [even_grid(mp, k) for k in range(len(mp))]
         points = [patch.grid(u, v) for patch, (u, v) in zip(mp.patches, grids, strict=True)]
         assert result.exact is not None
         exact = [result.exact(p[..., 0], p[..., 1]) for p in points]
@@ -134,8 +136,8 @@ def solutions(results: Sequence[PoissonResult], names: Sequence[str]) -> Figure:
         signed = min(float(e.min()) for e in exact) < 0 < max(float(e.max()) for e in exact)
         for row, (values, colors) in enumerate(((exact, "RdBu_r" if signed else "viridis"), (errors, "magma_r"))):
             ax = axes[row, column]
-            mappable = _draw_field(ax, points, values, colors)
-            _draw_lines(ax, _sides(mp), width=0.6)
+            mappable = draw_field(ax, points, values, colors)
+            draw_lines(ax, side_lines(mp), width=0.6)
             space = result.field.space
             kind = (
                 f"degree {space.degree}, {space.shape[0]} × {space.shape[1]} points" if row == 0 else "absolute error"
@@ -143,7 +145,7 @@ def solutions(results: Sequence[PoissonResult], names: Sequence[str]) -> Figure:
             title = f"{name}: {kind}"
             # A field's edges would be the panel's, and cut the outline.
             ax.use_sticky_edges = False
-            _finish(ax, title)
+            finish(ax, title)
             ax.title.set_fontsize(8)
             bar = figure.colorbar(mappable, ax=ax, shrink=0.8, aspect=24, pad=0.02)
             bar.ax.ticklabel_format(scilimits=(-3, 4))

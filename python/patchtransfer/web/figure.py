@@ -10,6 +10,7 @@ import numpy as np
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..numeric.arrays import FloatArray
+from ..plot.palette import colours_of_patches
 from .picture import (
     Frame,
     Sampled,
@@ -28,8 +29,6 @@ from .picture import (
 
 __all__ = ["Figure", "Mark", "Place", "boundary_figure", "layers", "model_figure", "worst_places"]
 
-#: Colours of patches: as many as neighbours need to differ, chosen greedily.
-PATCH_COLOURS = 6
 #: Places named as the worst of a picture.
 WORST = 5
 
@@ -84,6 +83,7 @@ def model_figure(
     matches: FloatArray | None = None,
     worst: bool = False,
     detail: bool = True,
+    extras: bool = True,
 ) -> tuple[Figure, list[Place]]:
     """The picture of a multi-patch, and its worst places if asked for.
 
@@ -98,9 +98,11 @@ def model_figure(
     worst : bool, default False
         Whether to mark the worst places.
     detail : bool, default True
-        With iso-lines, control net and numbers; without for small pictures.
+        With iso-lines; without for small pictures.
+    extras : bool, default True
+        With control net and numbers, too, which a page shows on demand.
     """
-    drawn = sampled(mp)
+    drawn, extras = sampled(mp), detail and extras
     in_frame = frame(np.concatenate([points.reshape(-1, 2) for points, _ in drawn.grids]))
     places = worst_places(drawn) if worst else []
     middles = [points[len(points) // 2, points.shape[1] // 2] for points, _ in drawn.grids]
@@ -111,9 +113,9 @@ def model_figure(
         in_frame.view_box,
         **layers(drawn, in_frame),
         iso=by_class(iso_lines(drawn), in_frame) if detail else [],
-        net=control_net(mp, in_frame) if detail else "",
-        points=dots(mp.topology.coordinates, in_frame) if detail else "",
-        numbers=_marks(np.array(middles), in_frame, "patch") if detail else [],
+        net=control_net(mp, in_frame) if extras else "",
+        points=dots(mp.topology.coordinates, in_frame) if extras else "",
+        numbers=_marks(np.array(middles), in_frame, "patch") if extras else [],
         joints=_joints(joints, in_frame),
         matches=_matches(matches, in_frame),
         worst=[
@@ -128,9 +130,10 @@ def layers(drawn: Sampled, in_frame: Frame) -> dict[str, Any]:
     """Path data of a multi-patch: its loops, patches with their colours, interfaces and extraordinary vertices."""
     mp = drawn.multipatch
     special = [v.point for v in mp.vertices if v.extraordinary]
+    tints = colours_of_patches(len(mp), [(f.patch_a, f.patch_b) for f in mp.interfaces])
     return {
         "outline": model_loops(drawn, in_frame),
-        "patches": list(zip(_patch_colours(mp), patch_outlines(drawn, in_frame), strict=True)),
+        "patches": list(zip(tints, patch_outlines(drawn, in_frame), strict=True)),
         "interfaces": by_class(interface_lines(drawn), in_frame),
         "special": dots(mp.topology.coordinates[special], in_frame),
     }
@@ -175,17 +178,6 @@ def _parameter(knots: FloatArray, samples: int, index: int) -> float:
     breaks = np.unique(knots)
     span, within = divmod(index, samples)
     return float(breaks[span] + (breaks[span + 1] - breaks[span]) * within / (samples - 1))
-
-
-def _patch_colours(mp: MultiPatch) -> list[int]:
-    """A colour a patch, other than its neighbours' where these leave one."""
-    colours: list[int] = []
-    for k in range(len(mp)):
-        near = {f.patch_a + f.patch_b - k for f in mp.interfaces if k in (f.patch_a, f.patch_b)}
-        taken = {colours[n] for n in near if n < k}
-        free = [c for c in range(PATCH_COLOURS) if c not in taken] or list(range(PATCH_COLOURS))
-        colours.append(min(free, key=colours.count))
-    return colours
 
 
 def _at(in_frame: Frame, point: tuple[float, float] | FloatArray) -> tuple[int, int]:

@@ -19,9 +19,9 @@ from ..geometry.curve import BSplineCurve
 from ..geometry.multipatch import MultiPatch
 from ..measure.quality import sample
 from ..numeric.arrays import FloatArray, IntArray
+from ..plot.palette import CLASSES
 
 __all__ = [
-    "CLASSES",
     "Frame",
     "Lines",
     "Sampled",
@@ -44,8 +44,6 @@ __all__ = [
 UNITS = 40_000
 #: White around a picture, in units.
 MARGIN = UNITS // 40
-#: Scaled Jacobians between which lines have one colour; finer towards 1, where most maps are. Below 0 is folded.
-CLASSES = (0.0, 0.2, 0.4, 0.6, 0.7, 0.8, 0.9, 0.95)
 #: Iso-lines inside a patch and direction are about so many, fewer where there are many patches.
 INSIDE, LINES_IN_ALL = 12, 36
 #: Pieces of a knot span that is no cubic: an eighth of a quarter circle is 3e-6 of the radius off.

@@ -20,9 +20,10 @@ from ..geometry.multipatch import MultiPatch
 from ..measure.continuity import ContinuityReport
 from ..measure.quality import Quality, sample
 from ..pipeline.result import TransferResult, failure_of
+from ..plot.palette import CLASSES, DARK, LIGHT, style
 from ..proof.certificate import Certificate
 from .figure import Figure, Place, boundary_figure, model_figure
-from .picture import CLASSES, class_of
+from .picture import class_of
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -154,7 +155,10 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     folder = files("patchtransfer.web") / "templates"
-    for name in ("page.css", "page.js", "studio.css", "studio.js"):
+    environment.globals["palette_css"] = (
+        f":root{{{style(LIGHT)}}}@media (prefers-color-scheme: dark){{:root{{{style(DARK)}}}}}"
+    )
+    for name in ("picture.css", "page.css", "page.js", "studio.css", "studio.js"):
         environment.globals[name.replace(".", "_")] = (folder / name).read_text("utf-8")
     return environment
 
