@@ -192,7 +192,7 @@ fn optimisation(c: &mut Criterion) {
         c.bench_function(&name("harmonic map, Laplacian kept"), |b| {
             b.iter(|| optimizer.harmonic(&bent).unwrap())
         });
-        let settings = Settings { lambda: 0.3, max_steps: 200, tolerance: 1e-8, scale: None };
+        let settings = Settings { lambda: 0.3, power: 1, max_steps: 200, tolerance: 1e-8, scale: None };
         let one = Settings { max_steps: 1, ..settings };
         c.bench_function(&name("coarser spaces and one step"), |b| {
             b.iter(|| optimizer.minimise(&start, one, |_| ControlFlow::Continue(())).unwrap())

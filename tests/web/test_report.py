@@ -12,6 +12,7 @@ import pytest
 import commands
 import models
 import patchtransfer as pt
+import targets
 from patchtransfer import examples
 from patchtransfer.web import report
 
@@ -124,6 +125,13 @@ def test_a_result_that_is_not_certified_says_so():
     assert "Check: folded" in document.text
     assert certificate.reasons[0] in document.text
     assert re.search(r"not positive: [\d.]+ % of the samples", page)
+
+
+def test_a_polish_is_told():
+    mp = models.plate_with_hole(3, 2)
+    target, landmarks = targets.deformed(mp, targets.bend(mp, 60))
+    result = pt.transfer(mp, target, landmarks, polish="scaled_jacobian")
+    assert result.polish.words.replace(">", "&gt;") in result.to_html()
 
 
 def test_a_mirrored_transfer_matches_points_of_the_picture(tmp_path):

@@ -90,6 +90,8 @@ def transfer_page(result: TransferResult, command: str | None = None, notes: Seq
         "boundary error": f"{result.boundary_error:.2e} of the diameter",
         "method": result.method,
     }
+    if result.polish is not None:
+        facts["polish"] = result.polish.words
     if source is not None:
         facts["confidence of the correspondence"] = f"{registration.confidence:.2f}"
     return render(
