@@ -48,9 +48,9 @@ def transfer(
     progress : callable, optional
         Called as ``progress(stage, step, energy, smallest_determinant)``: before every Newton step, and with step 0 and
         NaN for the numbers when a stage begins. Stages are "feasibility", "registration", "fitting", "refinement",
-        "sliding", "optimisation", "continuity rows", "certificate" and "quality", as in the result's ``timings``, and
-        those of the paper's method; Newton steps go by what is tried, as in the result's ``log``: "optimise", "under
-        continuity rows: optimise" and so on. Where the callable has a method ``ended(stage, seconds, found)``, that is
+        "sliding", "optimisation", "continuity rows", "polish", "certificate" and "quality", as in the result's
+        ``timings``, and those of the paper's method; Newton steps go by what is tried, as in the result's ``log``:
+        "optimise", "under continuity rows: optimise" and so on. Where the callable has a method ``ended(stage, seconds, found)``, that is
         called when a stage ends, with its seconds, without those of stages inside, and the figures that matter.
     refine : {"auto", "never", "tolerance"}, default "auto"
         "auto" inserts knots into the source, in whole strips of patches, where its boundary misses the target by
