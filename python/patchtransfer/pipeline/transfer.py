@@ -50,8 +50,9 @@ def transfer(
         NaN for the numbers when a stage begins. Stages are "feasibility", "registration", "fitting", "refinement",
         "sliding", "optimisation", "continuity rows", "polish", "certificate" and "quality", as in the result's
         ``timings``, and those of the paper's method; Newton steps go by what is tried, as in the result's ``log``:
-        "optimise", "under continuity rows: optimise" and so on. Where the callable has a method ``ended(stage, seconds, found)``, that is
-        called when a stage ends, with its seconds, without those of stages inside, and the figures that matter.
+        "optimise", "under continuity rows: optimise" and so on. Where the callable has a method ``ended(stage, seconds,
+        found)``, that is called when a stage ends, with its seconds, without those of stages inside, and the figures
+        that matter.
     refine : {"auto", "never", "tolerance"}, default "auto"
         "auto" inserts knots into the source, in whole strips of patches, where its boundary misses the target by
         more than five times `fit_tolerance`, until it is met, and refines the source uniformly once if no certified
