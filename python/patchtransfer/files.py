@@ -12,7 +12,7 @@ from typing import Any
 from .errors import InputError
 from .limits import MAX_FILE_BYTES
 
-__all__ = ["json_text", "read_bytes", "write_atomic"]
+__all__ = ["finite_or_none", "json_text", "read_bytes", "write_atomic"]
 
 
 def read_bytes(path: Path) -> bytes:
@@ -80,6 +80,11 @@ def write_atomic(path: Path, data: str | bytes) -> None:
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def finite_or_none(x: float) -> float | None:
+    """`x` for JSON, which knows neither infinity nor NaN."""
+    return x if math.isfinite(x) else None
 
 
 def json_text(content: Any, indent: int = 2) -> str:

@@ -50,8 +50,8 @@ def compare(a: str, b: str, width: float, json_path: str | None) -> None:
 
 def _guaranteed(model: MultiPatch, found: Similarity) -> dict[str, float | None]:
     """What the quality of a model says of all models that are as similar to it."""
+    from ..files import finite_or_none
     from ..measure.bounds import proved_quality
-    from ..numeric.arrays import finite_or_none
 
     proved = proved_quality(model, [()] * len(model), 0.5, 1e-3)
     jacobian = max(proved.min_scaled_jacobian.lower, 0.0)

@@ -10,11 +10,11 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import comb
 
 import numpy as np
 
-from ..geometry.basis import collocation_matrix, end_rate, knot_spans, reverse_knots, span_basis
+from ..geometry.basis import end_rate, knot_spans, reverse_knots, span_basis
+from ..geometry.rational import rational_basis
 from ..geometry.sides import Interface
 from ..geometry.topology import Topology
 from ..numeric.arrays import FloatArray, IntArray
@@ -118,20 +118,8 @@ class ControlRows:
         return value, slope
 
     def _functions(self, t: FloatArray, order: int) -> list[FloatArray]:
-        """The basis functions at the parameters t, (m, n), and their derivatives up to an order of 2 at most."""
-        found: list[FloatArray] = []
-        totals: list[FloatArray] = []
-        for k in range(order + 1):
-            values = collocation_matrix(self.knots, self.degree, t, k)
-            if self.weights is not None:
-                # Leibniz's rule for the quotient by the sum of weighted functions.
-                values = values * self.weights
-                totals.append(values.sum(axis=1, keepdims=True))
-                for i, lower in enumerate(found):
-                    values -= comb(k, i) * totals[k - i] * lower
-                values /= totals[0]
-            found.append(values)
-        return found
+        """The basis functions at the parameters t, (m, n), and their derivatives up to an order."""
+        return rational_basis(self.knots, self.degree, self.weights, t, order)
 
     def derivatives(
         self, points: FloatArray, value: FloatArray, slope: FloatArray

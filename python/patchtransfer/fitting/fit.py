@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 
 from .._core import BoundaryFit
 from ..errors import InputError
-from ..geometry.basis import collocation_matrix, knot_spans
+from ..geometry.basis import knot_spans, parts_of_spans
 from ..geometry.curve import BSplineCurve
 from ..geometry.outline import Outline
 from ..geometry.packing import PackedCurves, pack_curves, unpack_curves
+from ..geometry.rational import rational_basis
 from ..geometry.straight_corners import Triangles, straighten
 from ..numeric.arrays import FloatArray, IntArray, frozen_array
 from ..registration.register import LoopRegistration, Registration
@@ -297,15 +298,11 @@ def basis_key(curve: BSplineCurve) -> tuple[int, bytes, bytes | None]:
 def sampled_basis(degree: int, knot_bytes: bytes, weight_bytes: bytes | None) -> tuple[FloatArray, FloatArray]:
     """Parameters of a side's samples, and its basis functions there, for knots (and weights, if any) as bytes."""
     knots = np.frombuffer(knot_bytes)
-    breaks = knot_spans(knots)
-    per_span = max(SAMPLES_PER_SPAN, -(-MIN_SAMPLES // (len(breaks) - 1)))
-    t = np.interp(np.arange(per_span * (len(breaks) - 1) + 1) / per_span, np.arange(len(breaks)), breaks)
-    values = collocation_matrix(knots, degree, t)
-    if weight_bytes is not None:
-        # Weights stay: the rational basis functions are what control points are coefficients of.
-        values *= np.frombuffer(weight_bytes)
-        values /= values.sum(axis=1, keepdims=True)
-    return t, values
+    per_span = max(SAMPLES_PER_SPAN, -(-MIN_SAMPLES // (len(knot_spans(knots)) - 1)))
+    t = parts_of_spans(knots, per_span)
+    # Weights stay: the rational basis functions are what control points are coefficients of.
+    weights = None if weight_bytes is None else np.frombuffer(weight_bytes)
+    return t, rational_basis(knots, degree, weights, t, 0)[0]
 
 
 class _SourceSides(NamedTuple):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..geometry.basis import knot_spans
+from ..geometry.basis import parts_of_spans
 from ..geometry.curve import BSplineCurve
 from ..geometry.outline import Outline, hausdorff
 from ..numeric.arrays import FloatArray
@@ -54,12 +54,7 @@ def distance(curves: Sequence[BSplineCurve], loop: LoopRegistration) -> float:
     """
     if not loop.own or any(own is None for own in loop.own):
         return hausdorff(Outline(curves), loop.target)
-    points = []
-    for curve in curves:
-        breaks = knot_spans(curve.knots)
-        at = np.interp(np.arange(PER_SPAN * (len(breaks) - 1) + 1) / PER_SPAN, np.arange(len(breaks)), breaks)
-        points.append(curve(at))
-    x = np.concatenate(points)
+    x = np.concatenate([curve(parts_of_spans(curve.knots, PER_SPAN)) for curve in curves])
     feet = loop.target.evaluate(loop.target.nearest(x)[0])
     off = x - feet[:, :2]
     return float(abs(off[:, 0] * feet[:, 3] - off[:, 1] * feet[:, 2]).max())

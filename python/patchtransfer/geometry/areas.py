@@ -111,10 +111,7 @@ def sides_around(patches: Sequence[Patch]) -> list[SideGroup]:
 def area_form(knot_bytes: bytes, degree: int) -> FloatArray:
     """Matrix of ∫ N_i N_j' dt."""
     knots = np.frombuffer(knot_bytes)
-    breaks = distinct(knots)
-    t, w = gauss(degree)
-    half = np.diff(breaks)[:, None] / 2
-    nodes, weights = (breaks[:-1, None] + half * (t + 1)).ravel(), (half * w).ravel()
+    nodes, weights = _on_spans(knots, *gauss(degree))
     return np.asarray(
         product(collocation_matrix(knots, degree, nodes).T * weights, collocation_matrix(knots, degree, nodes, 1))
     )
@@ -124,9 +121,13 @@ def area_form(knot_bytes: bytes, degree: int) -> FloatArray:
 def rational_area_form(knot_bytes: bytes, degree: int, weight_bytes: bytes) -> FloatArray:
     """Matrix of ∫ R_i R_j' dt of the basis functions with weights."""
     knots = np.frombuffer(knot_bytes)
-    breaks = distinct(knots)
-    t, w = np.polynomial.legendre.leggauss(QUOTIENT_NODES)
-    half = np.diff(breaks)[:, None] / 2
-    nodes, weights = (breaks[:-1, None] + half * (t + 1)).ravel(), (half * w).ravel()
+    nodes, weights = _on_spans(knots, *np.polynomial.legendre.leggauss(QUOTIENT_NODES))
     value, slope = rational_basis(knots, degree, np.frombuffer(weight_bytes), nodes)
     return np.asarray(product(value.T * weights, slope))
+
+
+def _on_spans(knots: FloatArray, t: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights of a rule on [-1, 1] on every knot span."""
+    breaks = distinct(knots)
+    half = np.diff(breaks)[:, None] / 2
+    return (breaks[:-1, None] + half * (t + 1)).ravel(), (half * w).ravel()

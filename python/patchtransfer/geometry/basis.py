@@ -28,6 +28,7 @@ __all__ = [
     "in_range",
     "insert_knots",
     "knot_spans",
+    "parts_of_spans",
     "reverse_knots",
     "span_basis",
     "spline_values",
@@ -119,6 +120,12 @@ def check_order(order: int, what: str) -> None:
 def knot_spans(knots: ArrayLike) -> FloatArray:
     """Distinct knots, the breaks between spans."""
     return distinct(np.asarray(knots, dtype=np.float64))
+
+
+def parts_of_spans(knots: ArrayLike, parts: int) -> FloatArray:
+    """Parameters that cut every knot span into equal parts, the spans' ends included."""
+    breaks = knot_spans(knots)
+    return np.interp(np.arange(parts * (len(breaks) - 1) + 1) / parts, np.arange(len(breaks)), breaks)
 
 
 def reverse_knots(knots: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..numeric.arrays import FloatArray
 from ..numeric.dense import eigen, product, svd
-from .basis import knot_spans
+from .basis import parts_of_spans
 from .curve import BSplineCurve
 
 __all__ = ["Ellipse", "turned"]
@@ -31,12 +31,7 @@ class Ellipse(NamedTuple):
     @classmethod
     def through(cls, curves: Sequence[BSplineCurve]) -> Self | None:
         """The ellipse that curves lie on, to rounding; None if there is none."""
-        found = []
-        for curve in curves:
-            breaks = knot_spans(curve.knots)
-            at = np.interp(np.arange(PER_SPAN * (len(breaks) - 1)) / PER_SPAN, np.arange(len(breaks)), breaks)
-            found.append(curve(at))
-        points = np.concatenate(found)
+        points = np.concatenate([curve(parts_of_spans(curve.knots, PER_SPAN)[:-1]) for curve in curves])
         middle, size = points.mean(axis=0), float(np.abs(points - points.mean(axis=0)).max())
         x, y = ((points - middle) / size).T
         _, _, rows = svd(np.column_stack([x * x, x * y, y * y, x, y, np.ones_like(x)]))

@@ -14,15 +14,22 @@ __all__ = ["quotient_derivative", "rational_basis", "weighted"]
 
 
 def rational_basis(
-    knots: FloatArray, degree: int, weights: FloatArray | None, t: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Basis functions (m, n) with weights, or without, at parameters t, and their first derivatives."""
-    value, slope = (collocation_matrix(knots, degree, t, order) for order in (0, 1))
-    if weights is not None:
-        value, slope = value * weights, slope * weights
-        total, change = value.sum(axis=1, keepdims=True), slope.sum(axis=1, keepdims=True)
-        value, slope = value / total, (slope - value * change / total) / total
-    return value, slope
+    knots: FloatArray, degree: int, weights: FloatArray | None, t: FloatArray, order: int = 1
+) -> list[FloatArray]:
+    """Basis functions (m, n) with weights, or without, at parameters t, and their derivatives up to an order."""
+    found: list[FloatArray] = []
+    totals: list[FloatArray] = []
+    for k in range(order + 1):
+        values = collocation_matrix(knots, degree, t, k)
+        if weights is not None:
+            # Leibniz's rule for the quotient by the sum of weighted functions.
+            values = values * weights
+            totals.append(values.sum(axis=1, keepdims=True))
+            for i, lower in enumerate(found):
+                values -= comb(k, i) * totals[k - i] * lower
+            values /= totals[0]
+        found.append(values)
+    return found
 
 
 def weighted(points: FloatArray, weights: FloatArray) -> FloatArray:

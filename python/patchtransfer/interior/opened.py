@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry.basis import greville
+from ..geometry.areas import polygon_area
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
+from ..geometry.rectangles import upright
 from ..geometry.sides import CORNERS
-from ..numeric.arrays import FloatArray
 from ..proof.certificate import certify
 from .optimizer import SplineOptimizer, degenerate_corners
 
@@ -62,17 +62,8 @@ def with_open_corners(source: MultiPatch) -> list[Patch] | None:
 
 
 def _square(patch: Patch) -> Patch:
-    """A square of the patch's area and sense in its own space, run through at even speed but for the weights."""
-    across, along = (greville(knots, p) for knots, p in zip(patch.knots, patch.degrees, strict=True))
-    area = _area(patch.control_points)
-    u, v = ((t - t[0]) / (t[-1] - t[0]) * np.sqrt(abs(area)) for t in (across, along))
-    v = np.copysign(v, area)
-    net = np.stack(np.meshgrid(u, v, indexing="ij"), axis=2)
-    return Patch(patch.knots, patch.degrees, net, patch.weights)
-
-
-def _area(net: FloatArray) -> float:
-    """Signed area inside the outline of a control net."""
-    ring = np.concatenate([net[:-1, 0], net[-1, :-1], net[:0:-1, -1], net[0, :0:-1]])
-    x, y = ring.T
-    return float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum()) / 2
+    """A square of the area and the sense of the patch's control net, in its own space."""
+    net = patch.control_points
+    area = polygon_area(np.concatenate([net[:-1, 0], net[-1, :-1], net[:0:-1, -1], net[0, :0:-1]]))
+    side = float(np.sqrt(abs(area)))
+    return upright(patch, side, float(np.copysign(side, area)))

@@ -15,9 +15,9 @@ from typing import NamedTuple
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.rectangles import rectangles
-from ..measure.bounds import can_be_proved, proved_quality
+from ..measure.bounds import can_be_proved
 from ..measure.common_layout import same_layout
-from ..measure.quality import quality
+from ..measure.quality import proved_bounds, quality
 from ..measure.similarity import similarity
 from ..numeric.arrays import FloatArray
 from ..progress import Budget
@@ -35,8 +35,6 @@ STEPS, TOLERANCE = 20, 1e-4
 PATIENCE = 2
 #: How far proved bounds are apart, and so the least gain that is one.
 WIDTH = 1e-3
-#: Of what is left out at a degenerate corner, relative to the span: up to the second of the samples there.
-LEFT_OUT = 1 / 9
 
 
 class Goal(NamedTuple):
@@ -69,12 +67,11 @@ def scaled_jacobian_goal(mp: MultiPatch, degenerate: Sequence[tuple[int, int]] =
     Distortion is measured against rectangles with the patches' mean sides: a source's own angles need not be right
     ones.
     """
-    corners = [[corner for patch, corner in degenerate if patch == k] for k in range(len(mp))]
 
     def worth(mp: MultiPatch) -> float:
         if least_mean > 0 and quality(mp, exclude=degenerate).scaled_jacobian.mean < least_mean:
             return 0.0
-        return proved_quality(mp, corners, LEFT_OUT, WIDTH).min_scaled_jacobian.lower
+        return proved_bounds(mp, degenerate, WIDTH).min_scaled_jacobian.lower
 
     reason = None if can_be_proved(mp) else "degrees are too high for a proof of the scaled Jacobian"
     return Goal(GOALS[0], worth, rectangles(mp), reason)

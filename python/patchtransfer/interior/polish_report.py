@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from ..files import finite_or_none
+
 __all__ = ["GOALS", "PolishReport"]
 
 GOALS = ("scaled_jacobian", "dilatation")
@@ -45,8 +47,8 @@ class PolishReport:
         return {
             "goal": self.goal,
             "power": self.power,
-            "before": _finite_or_none(self.before),
-            "after": _finite_or_none(self.after),
+            "before": finite_or_none(self.before),
+            "after": finite_or_none(self.after),
         }
 
     @staticmethod
@@ -54,7 +56,3 @@ class PolishReport:
         """Of `to_dict`."""
         before, after = (math.inf if data[name] is None else data[name] for name in ("before", "after"))
         return PolishReport(data["goal"], data["power"], before, after)
-
-
-def _finite_or_none(x: float) -> float | None:
-    return x if math.isfinite(x) else None

@@ -6,9 +6,9 @@ from collections.abc import Collection
 
 import numpy as np
 
+from ..geometry.basis import parts_of_spans
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
-from ..numeric.arrays import FloatArray
 
 __all__ = ["SPOILT", "spoilt_vertices"]
 
@@ -50,14 +50,9 @@ def spoilt_vertices(
 
 def _smallest(patch: Patch) -> float:
     """Smallest scaled Jacobian of a patch of either handedness over a grid of samples, collapsed sides aside."""
-    u, v = (_samples(knots) for knots in patch.knots)
+    u, v = (parts_of_spans(knots, SAMPLES) for knots in patch.knots)
     along, across = patch.grid(u, v, 1, 0), patch.grid(u, v, 0, 1)
     lengths = np.hypot(along[..., 0], along[..., 1]) * np.hypot(across[..., 0], across[..., 1])
     sines = along[..., 0] * across[..., 1] - along[..., 1] * across[..., 0]
     turn = np.sign(sines.sum())
     return float(np.divide(turn * sines, lengths, out=np.ones_like(sines), where=lengths > 0).min())
-
-
-def _samples(knots: FloatArray) -> FloatArray:
-    breaks = np.unique(knots)
-    return np.interp(np.arange(SAMPLES * (len(breaks) - 1) + 1) / SAMPLES, np.arange(len(breaks)), breaks)

@@ -9,8 +9,8 @@ from typing import Any
 
 from .._core import MAX_QUALITY_DEGREES, prove_quality
 from ..errors import InputError
+from ..files import finite_or_none
 from ..geometry.multipatch import MultiPatch
-from ..numeric.arrays import finite_or_none
 
 __all__ = ["Bounds", "ProvedQuality", "can_be_proved", "check_width", "outwards", "proved_quality"]
 

@@ -12,12 +12,16 @@ import numpy as np
 
 from .._core import measure_quality, sample_patch
 from ..errors import InputError
+from ..files import finite_or_none
 from ..geometry.basis import check_samples
 from ..geometry.multipatch import MultiPatch
-from ..numeric.arrays import FloatArray, finite_or_none
+from ..numeric.arrays import FloatArray
 from .bounds import ProvedQuality, proved_quality
 
-__all__ = ["Quality", "Statistics", "quality", "sample"]
+__all__ = ["Quality", "Statistics", "proved_bounds", "quality", "sample"]
+
+#: Samples per knot span and direction where nothing else is said.
+SAMPLES = 10
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,7 @@ class Quality:
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")
 def quality(
     mp: MultiPatch,
-    samples: int = 10,
+    samples: int = SAMPLES,
     exclude: Iterable[tuple[int, int]] = (),
     proved: bool = False,
     width: float = 1e-3,
@@ -144,7 +148,7 @@ def quality(
     if excluded and samples < 3:
         raise InputError(f"samples = {samples}: leaving out corners needs at least 3 per knot span")
     corners = [excluded.get(k, []) for k in range(len(mp.patches))]
-    bounds = proved_quality(mp, corners, 1 / (samples - 1), width) if proved else None
+    bounds = _proved(mp, corners, samples, width) if proved else None
     found = measure_quality(
         [patch.to_core() for patch in mp.patches],
         [float(sign) for sign in mp.topology.orientation],
@@ -157,6 +161,17 @@ def quality(
     return Quality(_statistics(jacobian, n), _statistics(condition, positive), n - positive, n, (k, *worst[k]), bounds)
 
 
+def proved_bounds(mp: MultiPatch, exclude: Iterable[tuple[int, int]] = (), width: float = 1e-3) -> ProvedQuality:
+    """What `quality` proves, without its samples; parameters as there."""
+    excluded = _check_corners(mp, exclude)
+    return _proved(mp, [excluded.get(k, []) for k in range(len(mp.patches))], SAMPLES, width)
+
+
+def _proved(mp: MultiPatch, corners: list[list[int]], samples: int, width: float) -> ProvedQuality:
+    # Of a degenerate corner the square up to the next samples is left out.
+    return proved_quality(mp, corners, 1 / (samples - 1), width)
+
+
 def _statistics(ranges: Iterable[tuple[float, float, float]], count: int) -> Statistics:
     """Of ranges (min, max, sum); the mean is over `count` samples, infinite if there are none."""
     lows, highs, sums = zip(*ranges, strict=True)
@@ -166,7 +181,7 @@ def _statistics(ranges: Iterable[tuple[float, float, float]], count: int) -> Sta
     return Statistics(low, min(max(mean, low), high), high)
 
 
-def sample(mp: MultiPatch, samples: int = 10) -> list[tuple[FloatArray, FloatArray]]:
+def sample(mp: MultiPatch, samples: int = SAMPLES) -> list[tuple[FloatArray, FloatArray]]:
     """Points and scaled Jacobians on the sample grid of :func:`quality`, for plotting.
 
     Returns

@@ -16,8 +16,9 @@ import numpy as np
 
 from .._core import COMPARED_NODES, compare_models, gauss
 from ..errors import InputError
+from ..files import finite_or_none
 from ..geometry.multipatch import MultiPatch
-from ..numeric.arrays import FloatArray, finite_or_none
+from ..numeric.arrays import FloatArray
 from .bounds import Bounds, check_width
 from .common_layout import common_layout
 from .corner_dilatation import corner_dilatations

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -13,7 +12,7 @@ from .._core import product
 from ..errors import InputError
 from ..interruption import held_back
 
-__all__ = ["FloatArray", "IntArray", "among", "distinct", "finite_or_none", "frozen_array", "same_bits"]
+__all__ = ["FloatArray", "IntArray", "among", "distinct", "frozen_array", "same_bits"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -66,8 +65,3 @@ def same_bits(a: Any, b: Any, names: tuple[str, ...]) -> bool:
                 return False
     degrees = ("degree", "degrees")
     return all(a.__dict__.get(name) == b.__dict__.get(name) for name in degrees)
-
-
-def finite_or_none(x: float) -> float | None:
-    """`x` for JSON, which knows neither infinity nor NaN."""
-    return x if math.isfinite(x) else None

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 from .._core import MAX_DEGREE, certify_loops, certify_patches
 from ..errors import InputError
+from ..files import finite_or_none
 from ..geometry.conformity.weighting import with_common_weights
 from ..geometry.conformity.welds import gaps
 from ..geometry.curve import BSplineCurve
@@ -35,7 +36,6 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.sides import Interface, Side
 from ..geometry.tolerances import exact
-from ..numeric.arrays import finite_or_none
 from .unglued import unglued
 from .welding import Welded, in_own_knots, weld
 

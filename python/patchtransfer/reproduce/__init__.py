@@ -22,13 +22,12 @@ import numpy as np
 
 from .. import __version__, examples
 from ..errors import InputError
-from ..files import json_text, write_atomic
+from ..files import finite_or_none, json_text, write_atomic
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..iga import PoissonResult, poisson
 from ..measure.bounds import outwards
 from ..measure.quality import Quality, Statistics, quality, sample
-from ..numeric.arrays import finite_or_none
 from ..pipeline.plan import TransferPlan
 from ..pipeline.result import TransferResult
 from ..plot import figures as plot
