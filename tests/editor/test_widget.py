@@ -97,7 +97,7 @@ def test_target_and_landmarks_are_set_together():
     shift = [3.0, 1.0]
     with widget.hold_trait_notifications():
         widget.target = moved(target, shift)
-        widget.landmarks = landmarks + [0, 0, *shift]
+        widget.landmarks = landmarks + np.array([0, 0, *shift])
     assert widget.error == ""
     again = pt.transfer(source, widget.target, widget.landmarks)
     assert widget.result.multipatch == again.multipatch
@@ -110,11 +110,11 @@ def test_what_is_wrong_is_said():
     assert "landmark" in widget.error
     with pytest.raises(InputError, match="shape"):
         widget.landmarks = [[1.0, 2.0, 3.0]]
-    with pytest.raises(InputError, match="NaN|finite"):
+    with pytest.raises(InputError, match=r"NaN|finite"):
         widget.landmarks = [[1.0, 2.0, 3.0, np.nan]]
     widget.landmarks = None
     assert widget.error == ""
-    with pytest.raises(Exception, match="result.* trait is read-only"):
+    with pytest.raises(Exception, match=r"result.* trait is read-only"):
         widget.result = None
 
 
@@ -183,14 +183,15 @@ def test_a_notebook_runs():
     nbformat = pytest.importorskip("nbformat")
     pytest.importorskip("ipykernel")
     cells = [
-        "import patchtransfer as pt\nsource, target, landmarks = pt.examples.load('star')\nw = pt.studio(source, target)\nw",
+        "import patchtransfer as pt\nsource, target, landmarks = pt.examples.load('star')",
+        "w = pt.studio(source, target)\nw",
         "before = w.result\nw.landmarks = [(landmarks[k, :2], landmarks[(k + 1) % 6, 2:]) for k in range(6)]",
         "print(w.result.certificate.status, w.target == target, len(w.landmarks), w.error == '')\n"
         "print(w.result.multipatch == before.multipatch)",
     ]
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
     nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
-    (shown,) = notebook.cells[0].outputs
+    (shown,) = notebook.cells[1].outputs
     assert "application/vnd.jupyter.widget-view+json" in shown.data
     (state,) = [
         entry["state"]
@@ -198,7 +199,7 @@ def test_a_notebook_runs():
         if entry["model_module"] == "anywidget"
     ]
     assert "export default" in state["_esm"]
-    assert notebook.cells[2].outputs[0].text == "certified True 6 True\nFalse\n"
+    assert notebook.cells[3].outputs[0].text == "certified True 6 True\nFalse\n"
 
 
 #: A page with cells of one model, which hands on what it is told and what comes back, as a notebook does.

@@ -91,7 +91,8 @@ class StudioWidget(anywidget.AnyWidget):
         """Let the traits say what the session has, all at once."""
         session = self._session
         with self.hold_trait_notifications():
-            self.target, self.landmarks = session.edited.target, self._rows()
+            self.set_trait("target", session.edited.target)
+            self.set_trait("landmarks", self._rows())
             self.set_trait("result", session.result)
             self.set_trait("error", session.shown.error or "")
 
