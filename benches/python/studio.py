@@ -14,8 +14,8 @@ import time
 import numpy as np
 
 from patchtransfer import examples
-from patchtransfer.studio.session import Session
-from patchtransfer.studio.view import View
+from patchtransfer.editor.session import Session
+from patchtransfer.editor.view import View
 
 DRAGS, STEPS, REACH, WAY = 10, 20, 0.1, 0.04
 

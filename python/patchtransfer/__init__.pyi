@@ -9,6 +9,7 @@ from . import reproduce as reproduce
 from ._core import __version__ as __version__
 from .conversion.polynomial import Converted as Converted
 from .conversion.polynomial import to_polynomial as to_polynomial
+from .editor.notebook import studio as studio
 from .errors import InfeasibleTargetError as InfeasibleTargetError
 from .errors import InputError as InputError
 from .errors import InputWarning as InputWarning

@@ -48,6 +48,15 @@ def test_quickstart_runs(tmp_path, monkeypatch, capsys):
     assert Path("result.png").stat().st_size > 10_000
 
 
+def test_the_studio_in_a_notebook_is_as_the_guide_says(tmp_path, monkeypatch):
+    pytest.importorskip("anywidget")
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", (DOCS / "guide" / "studio.md").read_text(), re.DOTALL)
+    assert len(blocks) == 2
+    exec("".join(blocks), {})
+    assert pt.certify(pt.read("result.xml")).injective
+
+
 def test_models_are_handed_on_as_the_guide_says():
     for name in ("splinepy", "geomdl", "nutils", "meshio", "skfem"):
         pytest.importorskip(name)

@@ -44,8 +44,8 @@ def studio(
     there goes where the browser puts it. Ctrl-C ends the studio.
     """
     from .. import io
-    from ..studio.server import serve
-    from ..studio.session import Session
+    from ..editor.server import serve
+    from ..editor.session import Session
 
     def ready(address: str) -> None:
         say(address)

@@ -158,9 +158,9 @@ def _environment() -> Environment:
     )
     folder = files("patchtransfer.web") / "templates"
     environment.globals["palette_css"] = (
-        f":root{{{style(LIGHT)}}}@media (prefers-color-scheme: dark){{:root{{{style(DARK)}}}}}"
+        f":root,:host{{{style(LIGHT)}}}@media (prefers-color-scheme: dark){{:root,:host{{{style(DARK)}}}}}"
     )
-    for name in ("picture.css", "page.css", "page.js", "studio.css", "studio.js"):
+    for name in ("picture.css", "page.css", "page.js", "studio.css", "studio.js", "studio_page.js"):
         environment.globals[name.replace(".", "_")] = (folder / name).read_text("utf-8")
     return environment
 

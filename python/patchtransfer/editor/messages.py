@@ -7,11 +7,12 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, TransferError
 from .editing import PointAddress
 from .session import Session
+from .view import View
 
-__all__ = ["LARGEST_MESSAGE", "obey"]
+__all__ = ["LARGEST_MESSAGE", "answer", "obey"]
 
 #: Bytes of a message: those of the page have about a hundred.
 LARGEST_MESSAGE = 4096
@@ -19,6 +20,16 @@ LARGEST_MESSAGE = 4096
 FAR = 1e100
 #: All of a loop is half of its length away at most.
 MOST_REACH = 0.5
+
+
+def answer(session: Session, view: View, text: str | None) -> dict[str, Any]:
+    """What is shown after a message, with what was done or why it was refused; for None, the first time, everything."""
+    said: dict[str, Any] = {"source": view.source()} if text is None else {}
+    try:
+        said["done"] = "open" if text is None else obey(session, text)
+    except TransferError as error:
+        said["refused"] = str(error)
+    return said | view.state()
 
 
 def obey(session: Session, text: str) -> str:

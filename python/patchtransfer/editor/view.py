@@ -32,10 +32,20 @@ class View:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        on = control_points(session.edited.target)
+        self.source_frame = frame(control_points(session.source.boundary()))
+        self.reframe()
+
+    def reframe(self) -> None:
+        """Make the target's picture as large as the target is now."""
+        on = control_points(self._session.edited.target)
         room = ROOM * np.ptp(on, axis=0).max()
         self.target_frame = frame(np.concatenate([on - room, on + room]))
-        self.source_frame = frame(control_points(session.source.boundary()))
+
+    @property
+    def contains_target(self) -> bool:
+        """Whether all of the target is inside of its picture."""
+        shown = self.target_frame(control_points(self._session.edited.target))
+        return bool(((shown >= 0) & (shown <= [self.target_frame.width, self.target_frame.height])).all())
 
     def source(self) -> dict[str, Any]:
         """The source's picture, which does not change."""

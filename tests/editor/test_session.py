@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 import patchtransfer as pt
 from patchtransfer import InputError, examples
-from patchtransfer.studio.editing import control_points
-from patchtransfer.studio.messages import obey
-from patchtransfer.studio.session import Session
-from patchtransfer.studio.view import View
+from patchtransfer.editor.editing import control_points
+from patchtransfer.editor.messages import obey
+from patchtransfer.editor.session import Session
+from patchtransfer.editor.view import View
 
 
 def opened(landmarks=True):

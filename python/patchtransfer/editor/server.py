@@ -25,7 +25,7 @@ from ..geometry.multipatch import MultiPatch
 from ..io.points import landmarks_text
 from ..pipeline.result import TransferResult
 from ..web.report import render, transfer_page
-from .messages import LARGEST_MESSAGE, obey
+from .messages import LARGEST_MESSAGE, answer
 from .session import Session
 from .view import View
 
@@ -128,13 +128,7 @@ def application(
         return Answer(body, media_type=kind, headers={"Content-Disposition": f'attachment; filename="{name}"'})
 
     def act(text: str | None) -> str:
-        """What the page shows after a message; with the source's picture where there was none."""
-        said: dict[str, Any] = {"source": view.source()} if text is None else {}
-        try:
-            said["done"] = "open" if text is None else obey(session, text)
-        except TransferError as error:
-            said["refused"] = str(error)
-        return json.dumps(said | view.state())
+        return json.dumps(answer(session, view, text))
 
     async def live(connection: WebSocket) -> None:
         await connection.accept()

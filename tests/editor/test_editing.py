@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import strategies
 from patchtransfer import Boundary, BSplineCurve, InputError
-from patchtransfer.studio.editing import PointAddress, addresses, control_points, moved, pulled
+from patchtransfer.editor.editing import PointAddress, addresses, control_points, moved, pulled
 
 places = st.tuples(st.floats(-3, 3), st.floats(-3, 3))
 

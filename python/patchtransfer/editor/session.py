@@ -112,8 +112,7 @@ class Session:
         self.source, self._options = source, options
         self._plan = TransferPlan(source, continuity)
         self._fit_tolerance = Options(**options).fit_tolerance
-        rows = np.empty((0, 4)) if landmarks is None else np.asarray(landmarks, float)
-        self.edited = Edited(target, tuple(Landmark((a, b), (c, d)) for a, b, c, d in rows.tolist()))
+        self.edited = Edited(target, _pairs(landmarks))
         self._past: list[Edited] = []
         self._future: list[Edited] = []
         self._drag: Drag | None = None
@@ -146,6 +145,11 @@ class Session:
     def handles(self) -> list[PointAddress]:
         """Control points of the target that can be dragged."""
         return addresses(self.edited.target)
+
+    @property
+    def held(self) -> bool:
+        """Whether a point is held, so that the result is not yet that of the target."""
+        return self._drag is not None
 
     def refresh(self) -> None:
         """The result of what is edited."""
@@ -227,6 +231,14 @@ class Session:
         self._remember(self.edited._replace(target=before))
         self.refresh()
 
+    def edit(self, target: Boundary, landmarks: FloatArray | None) -> None:
+        """Put another target and other landmarks, rows (xs, ys, xt, yt), in place; a point that is held is let go."""
+        if self._drag is not None:
+            # What can be undone is the target before it was dragged.
+            self.edited = self.edited._replace(target=self._drag.before)
+            self._drag = None
+        self._change(Edited(target, _pairs(landmarks)))
+
     def add_landmark(self, source: Point, target: Point) -> None:
         """Add a pair of points, each moved to the boundary."""
         pair = Landmark(self._on_source(source), self._on_target(target))
@@ -289,6 +301,11 @@ class Session:
     def _show_none(self, error: str, target: Boundary, begin: float) -> None:
         seconds = time.perf_counter() - begin
         self.shown = Shown(self.shown.model, None, error, _meetings(target), seconds, self._drag is not None)
+
+
+def _pairs(landmarks: FloatArray | None) -> tuple[Landmark, ...]:
+    rows = [] if landmarks is None else np.asarray(landmarks, float).tolist()
+    return tuple(Landmark((a, b), (c, d)) for a, b, c, d in rows)
 
 
 def _failing(model: MultiPatch, certificate: Certificate) -> list[Point]:
