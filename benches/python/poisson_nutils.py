@@ -18,7 +18,10 @@ from scipy.sparse.linalg import splu
 
 import patchtransfer as pt
 from patchtransfer import examples, iga
-from patchtransfer.iga.poisson import sine, sine_load
+from patchtransfer.iga.manufactured import Wave
+
+sine = Wave()
+sine_load = sine.load
 
 SIDES = {pt.Side.WEST: "left", pt.Side.EAST: "right", pt.Side.SOUTH: "bottom", pt.Side.NORTH: "top"}
 

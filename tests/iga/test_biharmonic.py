@@ -12,7 +12,10 @@ import strategies
 import targets
 from patchtransfer import examples, iga
 from patchtransfer.iga.biharmonic import sine_hessian
-from patchtransfer.iga.poisson import sine, sine_gradient
+from patchtransfer.iga.manufactured import Wave
+
+sine = Wave()
+sine_gradient = sine.gradient
 
 
 def star(valence: int, seed: int | None = 1) -> pt.MultiPatch:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -31,9 +31,14 @@ COARSE = 0.1
     metavar="LABEL=VALUE",
     help="A constant on the sides of a label of FILE, no flux elsewhere; may be repeated.",
 )
-@click.option("--load", type=float, metavar="F", help="With --dirichlet: a constant right-hand side (default 0).")
+@click.option(
+    "--neumann", multiple=True, metavar="LABEL=VALUE", help="A constant flux ∂u/∂n through the sides of a label."
+)
+@click.option("--robin", multiple=True, metavar="LABEL=A,H", help="∂u/∂n + A u = H on the sides of a label, A >= 0.")
+@click.option("--load", type=float, metavar="F", help="With these: a constant right-hand side (default 0).")
 @click.option("--uniform", is_flag=True, help="Uniform knots, even where the geometry's knots could be kept.")
 @json_option
+@click.option("-o", "--output", metavar="U.vtu", help="Model and solution, for ParaView.")
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: solution and absolute error.")
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
 def poisson(
@@ -41,15 +46,19 @@ def poisson(
     degree: int | None,
     points: int | None,
     dirichlet: tuple[str, ...],
+    neumann: tuple[str, ...],
+    robin: tuple[str, ...],
     load: float | None,
+    output: str | None,
     uniform: bool,
     json_path: str | None,
     plot_path: str | None,
     threads: int | None,
 ) -> None:
-    """Solve -Δu = 2π² sin(πx) sin(πy) on the multi-patch FILE and compare with u = sin(πx) sin(πy).
+    """Solve -Δu = f on the multi-patch FILE, with values and fluxes on the sides of labels.
 
-    With --dirichlet -Δu = F, with values on the sides of labels.
+    Without any the known solution is u = sin(πx/L) sin(πy/L), and errors are measured: L = 1 for models of about unit
+    size, the power of ten nearest to half the diameter for others.
     """
     from .. import io
     from ..iga import poisson as solve
@@ -58,52 +67,65 @@ def poisson(
 
     report = Report(json_path)
     with failures(report):
-        check_outputs(picture=plot_path, report=json_path)
-        keep_inputs([file], [plot_path, json_path])
+        check_outputs(model=output, picture=plot_path, report=json_path)
+        keep_inputs([file], [output, plot_path, json_path])
         set_threads(threads)
         model = io.read(file)
-        f, g = _problem(dirichlet, load)
-        result = solve(model, f, g, degree=degree, points=points, knots="uniform" if uniform else "auto")
+        given = _conditions(dirichlet, neumann, robin, load)
+        result = solve(model, degree=degree, points=points, knots="uniform" if uniform else "auto", **given)
         warnings = _unresolved(result)
-        with all_or_nothing(plot_path, json_path):
+        with all_or_nothing(output, plot_path, json_path):
             if plot_path is not None:
                 plot.savefig(solution(result), plot_path)
+            if output is not None:
+                io.write(model, output, fields={"u": result})
             report.write(result.to_dict() | {"warnings": warnings, "error": None})
             if json_path != "-":
                 _summary(result.to_dict())
     warn(warnings)
 
 
-def _problem(dirichlet: tuple[str, ...], load: float | None) -> tuple[float | None, dict[str, float] | None]:
-    """Right-hand side and boundary values, None for the problem with the known solution."""
-    if not dirichlet:
+def _conditions(
+    dirichlet: tuple[str, ...], neumann: tuple[str, ...], robin: tuple[str, ...], load: float | None
+) -> dict[str, Any]:
+    """Right-hand side and what is given on sides, as keyword arguments; nothing for the known solution."""
+    if not (dirichlet or neumann or robin):
         if load is not None:
-            raise InputError("--load needs values on the boundary; give --dirichlet LABEL=VALUE too")
-        return None, None
-    values = {}
-    for given in dirichlet:
-        label, equals, text = given.rpartition("=")
+            raise InputError("--load needs conditions on the boundary; give --dirichlet LABEL=VALUE too")
+        return {}
+    values, fluxes = (
+        {label: x[0] for label, x in _by_label(o, g, 1).items()}
+        for o, g in (("--dirichlet", dirichlet), ("--neumann", neumann))
+    )
+    pairs = {label: (x[0], x[1]) for label, x in _by_label("--robin", robin, 2).items()}
+    return {"f": load or 0.0, "g": values, "neumann": fluxes, "robin": pairs}
+
+
+def _by_label(option: str, given: tuple[str, ...], count: int) -> dict[str, list[float]]:
+    """Numbers a label, from LABEL=NUMBER,..."""
+    out: dict[str, list[float]] = {}
+    for text in given:
+        label, equals, numbers = text.rpartition("=")
         try:
-            value = float(text) if equals else math.nan
+            found = [float(number) for number in numbers.split(",")] if equals else []
         except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise InputError(f"--dirichlet {given}: not a label and a number; write LABEL=VALUE")
-        if label in values:
-            raise InputError(f"--dirichlet {given}: label {label!r} has a value already; give it one")
-        values[label] = value
-    return load or 0.0, values
+            found = []
+        if len(found) != count or not all(map(math.isfinite, found)):
+            what = "a number; write LABEL=VALUE" if count == 1 else "two numbers; write LABEL=A,H"
+            raise InputError(f"{option} {text}: not a label and {what}")
+        if label in out:
+            raise InputError(f"{option} {text}: label {label!r} has a value already; give it one")
+        out[label] = found
+    return out
 
 
 def _unresolved(result: PoissonResult) -> list[str]:
-    """A warning where the field is too coarse for the waves of u, as on models in millimetres."""
+    """A warning where the field is too coarse for the waves of u."""
     errors = result.errors
     if errors is None or errors.l2 <= COARSE * errors.exact_l2:
         return []
-    waves = result.multipatch.diameter / 2
     return [
-        f"the error is {errors.l2 / errors.exact_l2:.0%} of u: its waves have length 2, and the model is {waves:.3g} "
-        "of them across, too many for this field; scale the model to about unit size, or take more --points"
+        f"the error is {errors.l2 / errors.exact_l2:.0%} of u: too coarse a field for its waves; take more --points"
     ]
 
 

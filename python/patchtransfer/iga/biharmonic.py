@@ -14,6 +14,7 @@ from ..geometry.multipatch import MultiPatch
 from ..numeric.arrays import FloatArray
 from ..numeric.definite import upper_triangle
 from .c1_space import C1Space
+from .manufactured import Wave
 from .nodes import (
     GeometryAt,
     ScalarFunction,
@@ -26,12 +27,12 @@ from .nodes import (
     sides_at,
 )
 from .norms import ErrorNorms, VectorFunction, error_norms
-from .poisson import sine, sine_gradient
 from .space import Field, SplineSpace
 from .system import Assembler, DefiniteSystem
 
 __all__ = ["BiharmonicResult", "biharmonic", "sine_hessian"]
 
+sine = Wave()
 SECOND = ((2, 0), (1, 1), (0, 2), (1, 0), (0, 1))
 """Parametric derivatives in the Laplacian: orders in u and v."""
 
@@ -182,7 +183,7 @@ def biharmonic(
     if f is None:
         if exact is not None:
             raise InputError("a known solution needs its right-hand side f = Δ² exact too")
-        f, exact, gradient, hessian = sine_double_laplacian, sine, sine_gradient, sine_hessian
+        f, exact, gradient, hessian = sine_double_laplacian, sine, sine.gradient, sine_hessian
     if exact is not None and gradient is None:
         raise InputError("the exact solution needs its gradient too: the normal derivative on the boundary is given")
     space = SplineSpace(mp, p, divisions=divisions, smoothness=r)

@@ -79,6 +79,11 @@ class ElasticityResult:
         xx, yy, xy = self.stress(k, u, v)
         return np.asarray(np.sqrt(xx * xx - xx * yy + yy * yy + 3 * xy * xy))
 
+    @property
+    def components(self) -> tuple[Field, Field]:
+        """The displacement, for `patchtransfer.write`."""
+        return self.displacement
+
     def compliance(self) -> tuple[float, FloatArray]:
         """Work of the loads, ∫ t · u ds + ∫ b · u dx, and its derivative (n_points, 2) by the control points."""
         return self._adjoint.compliance()

@@ -18,13 +18,15 @@ from ..errors import InputError
 from ..geometry.multipatch import MultiPatch
 from ..geometry.sides import Side
 from ..numeric.arrays import FloatArray
+from .fluxes import Flux, Neumann, Robin, add_flux_matrix, as_function, flux_load, fluxes_of, on_sides
+from .manufactured import Wave
 from .nodes import GeometryAt, ScalarFunction, SideNodes, all_nodes, boundary_nodes, geometry_at, sampled, sides_at
 from .norms import ErrorNorms, VectorFunction, error_norms
 from .poisson_adjoint import PoissonAdjoint
 from .space import Field, SplineSpace
 from .system import Assembler, DefiniteSystem, boundary_fit
 
-__all__ = ["LinearSystem", "PoissonResult", "PoissonSolver", "poisson", "sine", "sine_gradient", "sine_load"]
+__all__ = ["LinearSystem", "PoissonResult", "PoissonSolver", "poisson"]
 
 #: GB that a solution may take if nothing else is said.
 MEMORY = 8.0
@@ -41,24 +43,6 @@ Values = ScalarFunction | Mapping[str, ScalarFunction | float]
 
 GRADIENT = ((1, 0), (0, 1))
 """Parametric derivatives in the gradient: orders in u and v."""
-
-
-def sine(x: FloatArray, y: FloatArray) -> FloatArray:
-    """The paper's solution sin(πx) sin(πy)."""
-    return np.asarray(np.sin(np.pi * x) * np.sin(np.pi * y))
-
-
-def sine_gradient(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Gradient of :func:`sine`."""
-    return (
-        np.pi * np.cos(np.pi * x) * np.sin(np.pi * y),
-        np.pi * np.sin(np.pi * x) * np.cos(np.pi * y),
-    )
-
-
-def sine_load(x: FloatArray, y: FloatArray) -> FloatArray:
-    """The paper's right-hand side 2π² sin(πx) sin(πy)."""
-    return 2 * np.pi**2 * sine(x, y)
 
 
 def stiffness(at: GeometryAt) -> FloatArray:
@@ -114,6 +98,15 @@ class PoissonResult:
     exact: ScalarFunction | None
     _adjoint: PoissonAdjoint = data_field(repr=False)
 
+    @property
+    def components(self) -> tuple[Field, ...]:
+        """The solution, for `patchtransfer.write`."""
+        return (self.field,)
+
+    def __call__(self, points: ArrayLike) -> FloatArray:
+        """The solution at points (..., 2) of the plane; NaN outside of the model. See `MultiPatch.locate`."""
+        return self.field.at(*self.multipatch.locate(points))
+
     def vjp(self, w: ArrayLike) -> FloatArray:
         """Derivative of a function of the solution by the geometry's control points.
 
@@ -149,7 +142,7 @@ class PoissonResult:
 
     def integral(self, weight: ScalarFunction | float = 1.0) -> tuple[float, FloatArray]:
         """∫ weight u dx and its derivative (n_points, 2) by the geometry's control points; see `vjp`."""
-        return self._adjoint.integral(_function(weight))
+        return self._adjoint.integral(as_function(weight))
 
     def energy(self) -> tuple[float, FloatArray]:
         """½ ∫ |∇u|² dx and its derivative (n_points, 2) by the geometry's control points; see `vjp`."""
@@ -268,22 +261,30 @@ class PoissonSolver:
         f, g : callable, optional
             As in :func:`poisson`.
         """
-        f, g, _, _ = _problem(f, g, None, None)
-        return self._system(mp, f, dirichlet_data(mp, g))[0]
+        f, g, _, _ = _problem(mp, f, g, None, None)
+        return self._system(mp, f, _Conditions.of(mp, g, None, None))[0]
 
     def _system(
-        self, mp: MultiPatch, f: ScalarFunction, data: Mapping[tuple[int, Side], ScalarFunction]
-    ) -> tuple[LinearSystem, list[GeometryAt], list[SideNodes]]:
-        """The system, and the geometry that it was integrated on."""
+        self, mp: MultiPatch, f: ScalarFunction, given: _Conditions
+    ) -> tuple[LinearSystem, FloatArray, list[GeometryAt], list[SideNodes], list[Flux]]:
+        """The system, its matrix without fluxes, and the geometry that it was integrated on."""
         self._check(mp)
         maps = geometry_at(mp, self.nodes)
-        values = self.assembler.values(GRADIENT, [stiffness(at) for at in maps])
+        pure = self.assembler.values(GRADIENT, [stiffness(at) for at in maps])
         load = self.space.gather(
             [at.nodes.tested(at.dx * sampled(f, at.x, "right-hand side", f"patch {at.index}")) for at in maps]
         )
-        sides = [side for side in sides_at(self.space, mp, self._boundary_nodes) if (side.patch, side.side) in data]
-        known = boundary_fit(self.space, sides, [data[side.patch, side.side] for side in sides])
-        return LinearSystem(values, load, known), maps, sides
+        every = sides_at(self.space, mp, self._boundary_nodes)
+        sides = [side for side in every if (side.patch, side.side) in given.values]
+        known = boundary_fit(self.space, sides, [given.values[side.patch, side.side] for side in sides])
+        through = [
+            Flux(side, *given.fluxes[side.patch, side.side])
+            for side in every
+            if (side.patch, side.side) in given.fluxes
+        ]
+        values = add_flux_matrix(pure, self.assembler.indptr, self.assembler.indices, self.space, through)
+        system = LinearSystem(values, load + flux_load(self.space, through), known)
+        return system, pure, maps, sides, through
 
     def matrix(self, system: LinearSystem) -> csc_array:
         """Stiffness matrix of all unknowns, both triangles."""
@@ -296,12 +297,16 @@ class PoissonSolver:
         g: Dirichlet = None,
         exact: ScalarFunction | None = None,
         gradient: VectorFunction | None = None,
+        *,
+        neumann: Neumann | None = None,
+        robin: Robin | None = None,
     ) -> PoissonResult:
         """Solve on a model with the solver's patches, knots and interfaces; see :func:`poisson`."""
-        f, g, exact, gradient = _problem(f, g, exact, gradient)
+        f, g, exact, gradient = _problem(mp, f, g, exact, gradient, bool(neumann or robin))
         clock = [time.perf_counter()]
-        data = dirichlet_data(mp, g)
-        system, maps, sides = self._system(mp, f, data)
+        given = _Conditions.of(mp, g, neumann, robin)
+        data = given.values
+        system, pure, maps, sides, through = self._system(mp, f, given)
         clock.append(time.perf_counter())
         free = self._unknowns_off(tuple(sorted(data)))
         u, residual = free.solve(system.values, system.load, system.known)
@@ -315,11 +320,13 @@ class PoissonSolver:
             self.space,
             u,
             partial(self.matrix, system),
+            partial(self.assembler.matrix, pure),
             lambda w: free.solve(system.values, w, np.zeros(len(u)))[0],
             maps,
             sides,
             [data[side.patch, side.side] for side in sides],
             f,
+            through,
         )
         return PoissonResult(field, mp, errors, residual, stages, exact, adjoint)
 
@@ -345,46 +352,58 @@ def dirichlet_data(
     """
     if not isinstance(g, Mapping):
         return dict.fromkeys(mp.boundaries, g)
-    boundary, data = set(mp.boundaries), dict[tuple[int, Side], ScalarFunction]()
-    owner: dict[tuple[int, Side], str] = {}
-    for label, value in g.items():
-        if label not in mp.sides:
-            known = ", ".join(map(repr, mp.sides)) or "none"
-            raise InputError(f"{what}: the model has no label {label!r}; its labels are {known}")
-        for k, side in mp.sides[label]:
-            name = f"{what}: patch {k} {side.name.lower()} of label {label!r}"
-            if (k, side) not in boundary:
-                raise InputError(f"{name} is glued to another patch; name sides of the boundary")
-            if (k, side) in data:
-                raise InputError(f"{name} has values by label {owner[k, side]!r} already; give it one")
-            data[k, side], owner[k, side] = _function(value), label
+    data = {at: as_function(g[label]) for at, label in on_sides(mp, g, what).items()}
     if not data:
         raise InputError(f"{what}: no side has values, and the solution is not unique; name a label with sides")
     return data
 
 
-def _function(value: ScalarFunction | float) -> ScalarFunction:
-    return value if callable(value) else lambda x, y: np.full_like(x, value)
+@dataclass(frozen=True, eq=False)
+class _Conditions:
+    """What is given on the sides of a model: values, or fluxes."""
+
+    values: dict[tuple[int, Side], ScalarFunction]
+    fluxes: dict[tuple[int, Side], tuple[ScalarFunction, ScalarFunction | None]]
+
+    @classmethod
+    def of(cls, mp: MultiPatch, g: Values, neumann: Neumann | None, robin: Robin | None) -> _Conditions:
+        fluxes = fluxes_of(mp, neumann, robin)
+        if not fluxes:
+            return cls(dirichlet_data(mp, g), fluxes)
+        if isinstance(g, Mapping):
+            values = dirichlet_data(mp, g) if g else {}
+            for k, side in set(values) & set(fluxes):
+                raise InputError(f"patch {k} {side.name.lower()} has Dirichlet data and a flux; give it one of them")
+        else:
+            values = {at: g for at in mp.boundaries if at not in fluxes}
+        if not values and all(rate is None for _, rate in fluxes.values()):
+            raise InputError(
+                "every side has Neumann data, and the solution is not unique; give values (g) or Robin data on a side"
+            )
+        return cls(values, fluxes)
 
 
 def _problem(
+    mp: MultiPatch,
     f: Load,
     g: Dirichlet,
     exact: ScalarFunction | None,
     gradient: VectorFunction | None,
-) -> tuple[
-    ScalarFunction, ScalarFunction | Mapping[str, ScalarFunction | float], ScalarFunction | None, VectorFunction | None
-]:
+    with_flux: bool = False,
+) -> tuple[ScalarFunction, Values, ScalarFunction | None, VectorFunction | None]:
     """Fill in what is not given: the paper's problem without f, boundary values of the exact solution, or zero."""
     if f is None:
+        if with_flux:
+            raise InputError("conditions on fluxes need a right-hand side; give f (0.0 for none)")
         if exact is not None:
             raise InputError("a known solution needs its right-hand side f = −Δ exact too")
-        f = sine_load
+        wave = Wave.of_size(mp.diameter)
+        f = wave.load
         if g is None:
-            exact, gradient = sine, sine_gradient
+            exact, gradient = wave, wave.gradient
     if g is None:
         g = exact if exact is not None else 0.0
-    return _function(f), g if isinstance(g, Mapping) else _function(g), exact, gradient
+    return as_function(f), g if isinstance(g, Mapping) else as_function(g), exact, gradient
 
 
 def poisson(
@@ -396,26 +415,35 @@ def poisson(
     exact: ScalarFunction | None = None,
     gradient: VectorFunction | None = None,
     *,
+    neumann: Neumann | None = None,
+    robin: Robin | None = None,
     knots: str = "auto",
     quadrature: int | None = None,
     memory: float = MEMORY,
 ) -> PoissonResult:
-    """Solve −Δu = f with u = g on the boundary, or on the sides of some labels, by isogeometric analysis.
+    """Solve −Δu = f with values, fluxes or both (Robin) on the sides of labels, by isogeometric analysis.
 
     Parameters
     ----------
     mp : MultiPatch
         An injective model, patches of any orientation, polynomial or rational.
     f : callable or float, optional
-        Right-hand side ``f(x, y)`` of arrays; default 2π² sin(πx) sin(πy), the paper's problem.
+        Right-hand side ``f(x, y)`` of arrays; default that of the known solution sin(πx/L) sin(πy/L), with L = 1, the
+        paper's, for models of about unit size, and the power of ten nearest to half the diameter for others.
     g : callable or float, or mapping of labels to these, optional
         Boundary values; default those of `exact`, zero without it. Of a mapping, the sides of every label of
         `mp.sides` that it names have values, and on the others the solution has no flux (∂u/∂n = 0). Where sides with
         values meet, these should agree.
+    neumann : mapping of labels to callables or floats, optional
+        Flux ∂u/∂n (n outwards) through the sides of labels. Where `g` is no mapping, it holds on the sides that are not
+        named here or in `robin`.
+    robin : mapping of labels to pairs (α, h), optional
+        ``∂u/∂n + α u = h`` on the sides of labels, α >= 0: with h = α u_0 the exchange of heat with what has the
+        temperature u_0.
     degree, points : int, optional
         The field's degree and control points per patch and direction; default the geometry's own space.
     exact : callable, optional
-        Known solution, for errors; with neither f, g nor exact the paper's sin(πx) sin(πy).
+        Known solution, for errors; with neither f, g nor exact that of the default `f`.
     gradient : callable, optional
         ``gradient(x, y)`` gives (u_x, u_y) of the known solution, for the H¹ error.
     knots : {"auto", "uniform"}, default "auto"
@@ -452,7 +480,13 @@ def poisson(
     >>> u = iga.poisson(bar, f=0.0, g={"warm": 20.0, "cold": 0.0}).field
     >>> round(float(u.grid(0, [0.25], [0.5])[0, 0]), 9)
     15.0
+
+    The cold end in air of 10 degrees instead, and the flux through it:
+
+    >>> bent = iga.poisson(bar, f=0.0, g={"warm": 20.0}, robin={"cold": (0.25, 2.5)})
+    >>> [round(float(u), 9) for u in bent([[0, 0.5], [2, 0.5], [4, 0.5]])]
+    [20.0, 17.5, 15.0]
     """
     solver = PoissonSolver(mp, degree, points, knots=knots, quadrature=quadrature, memory=memory)
-    result = solver.solve(mp, f, g, exact, gradient)
+    result = solver.solve(mp, f, g, exact, gradient, neumann=neumann, robin=robin)
     return replace(result, timings={"setup": solver.setup_seconds, **result.timings})

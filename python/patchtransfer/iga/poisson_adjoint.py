@@ -18,6 +18,7 @@ from ..geometry.multipatch import MultiPatch
 from ..numeric.arrays import FloatArray
 from ..numeric.definite import DefiniteFactor
 from ..numeric.dense import product
+from .fluxes import Flux, add_flux_work
 from .nodes import GeometryAt, ScalarFunction, SideNodes, sampled
 from .shape import Sensitivity, slope_of
 from .space import SplineSpace
@@ -35,8 +36,8 @@ class PoissonAdjoint:
     space : SplineSpace
     u : (n,) array
         Coefficients of the solution.
-    make_matrix : callable
-        Gives K, (n, n) sparse, of all unknowns.
+    make_matrix, make_stiffness : callable
+        Give K, (n, n) sparse, of all unknowns, with what fluxes add and without.
     solve : callable
         K⁻¹ on the free unknowns, for right-hand sides (n,); zero on the others.
     maps : list of GeometryAt
@@ -46,17 +47,21 @@ class PoissonAdjoint:
         ... and these.
     f : callable
         Right-hand side.
+    fluxes : list of Flux
+        Sides with a condition on the flux.
     """
 
     mp: MultiPatch
     space: SplineSpace
     u: FloatArray
     make_matrix: Callable[[], csc_array]
+    make_stiffness: Callable[[], csc_array]
     solve: Callable[[FloatArray], FloatArray]
     maps: list[GeometryAt]
     sides: list[SideNodes]
     data: list[ScalarFunction]
     f: ScalarFunction
+    fluxes: list[Flux]
 
     @cached_property
     def _matrix(self) -> csc_array:
@@ -89,7 +94,7 @@ class PoissonAdjoint:
             gradient = at.gradient(self._patch(self.u, at))
             total += float((at.dx * (gradient * gradient).sum(axis=0)).sum() / 2)
             out.add(at, _stress(gradient, gradient) / 2)
-        self._add_solution(out, self._matrix @ self.u)
+        self._add_solution(out, self.make_stiffness() @ self.u)
         return total, out.gradient
 
     def _patch(self, coefficients: FloatArray, at: GeometryAt) -> FloatArray:
@@ -104,6 +109,7 @@ class PoissonAdjoint:
             value, load = at.nodes.value(c), sampled(self.f, at.x, "right-hand side", place)
             stress = isotropic(load * value) - _stress(at.gradient(self._patch(self.u, at)), at.gradient(c))
             out.add(at, stress, slope(at.x, "right-hand side", place) * value)
+        add_flux_work(out, self.space, self.fluxes, self.u, adjoint, self.mp.diameter)
         left = w - self._matrix @ adjoint
         add_boundary_values(out, self.space, self.sides, self.data, self.u, left, self.mp)
 
@@ -118,6 +124,8 @@ def add_boundary_values(
     mp: MultiPatch,
 ) -> None:
     """Of the fitted boundary values u along `w` (n,): ∫ μ ((g - u) d(ds) + dg ds), where μ solves the fit's system."""
+    if not sides:
+        return
     numbers = [side.side.of(space.points[side.patch]) for side in sides]
     known = np.unique(np.concatenate(numbers))
     bases = [side.nodes.field[side.side.axis][0] for side in sides]

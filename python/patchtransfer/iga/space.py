@@ -268,6 +268,16 @@ class Field:
     def __repr__(self) -> str:
         return f"<Field: {len(self.coefficients)} coefficients on {len(self.space.bases)} patches>"
 
+    @property
+    def components(self) -> tuple[Field, ...]:
+        """Itself: what is written of a field, see `patchtransfer.write`."""
+        return (self,)
+
+    def directions(self, k: int) -> tuple[tuple[FloatArray, int], tuple[FloatArray, int]]:
+        """Knots and degrees on patch k."""
+        u, v = self.space.bases[k]
+        return (u.knots, u.degree), (v.knots, v.degree)
+
     def patch(self, k: int) -> FloatArray:
         """Coefficients (n_u, n_v) on patch k."""
         return np.asarray(self.coefficients[self.space.points[k]])
@@ -276,3 +286,14 @@ class Field:
         """Parametric derivative of order (du, dv) on the grid `u` x `v` of patch k, shape (len(u), len(v))."""
         along, across = self.space.bases[k]
         return product(product(along.table(u, du), self.patch(k)), across.table(v, dv).T)
+
+    def at(self, patch: IntArray, u: FloatArray, v: FloatArray) -> FloatArray:
+        """Values at parameters (...) of patches (...), as `MultiPatch.locate` gives them; NaN where the patch is -1."""
+        out = np.full(np.shape(patch), np.nan)
+        for k in range(len(self.space.bases)):
+            here = np.asarray(patch) == k
+            if here.any():
+                along, across = self.space.bases[k]
+                rows = product(along.table(u[here]), self.patch(k))
+                out[here] = (rows * across.table(v[here])).sum(axis=1)
+        return out

@@ -139,6 +139,8 @@ def boundary_fit(space: SplineSpace, sides: list[SideNodes], data: Sequence[Scal
 
     One system for all sides: at the joints of a loop the sides share a coefficient.
     """
+    if not sides:
+        return np.zeros(space.size)
     known = np.unique(np.concatenate([np.empty(0, int), *(s.side.of(space.points[s.patch]).ravel() for s in sides)]))
     number = np.full(space.size, -1)
     number[known] = np.arange(len(known))

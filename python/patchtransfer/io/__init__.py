@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from .formats import FORMATS, BoundaryOptions, Format
 from .outline_only import OutlineOnlyError
 
 if TYPE_CHECKING:
+    from .fields import SplineField
     from .layout_json import LayoutFile
 
 __all__ = [
@@ -241,7 +242,12 @@ def read_layout(
         )
 
 
-def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None:
+def write(
+    geometry: MultiPatch | Boundary,
+    path: str | os.PathLike[str],
+    *,
+    fields: Mapping[str, SplineField] | None = None,
+) -> None:
     """Write a multi-patch or a boundary, atomically.
 
     Numbers are written in full, so that reading gives back the same bits; but GeoPDEs' control points are multiplied by
@@ -253,14 +259,46 @@ def write(geometry: MultiPatch | Boundary, path: str | os.PathLike[str]) -> None
     path : path
         The extension names the format: ``.xml`` (G+Smo) and ``.npz`` (NumPy) for both, ``.txt`` (GeoPDEs), ``.mesh``
         (MFEM), ``.json`` (splinepy) and ``.vtu`` (ParaView) for multi-patches. An existing file is replaced.
+    fields : mapping of names to fields or solutions, optional
+        To ``.vtu`` only: fields of `patchtransfer.iga` on this model, exactly; degrees are raised and knots inserted
+        until the model's space holds them.
 
     Raises
     ------
     InputError
-        On another extension, or when the folder does not exist or cannot be written to; no file is left
-        behind.
+        On another extension, fields that are another model's, or when the folder does not exist or cannot be written
+        to; no file is left behind.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from patchtransfer import examples, iga
+    >>> source, _, _ = examples.load("star")
+    >>> solution = iga.poisson(source, f=1.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write(source, Path(folder, "u.vtu"), fields={"u": solution})
+    ...     Path(folder, "u.vtu").read_text().count('Name="u"')
+    1
     """
-    _write(geometry, Path(path))
+    path = Path(path)
+    if fields:
+        _write_fields(geometry, path, fields)
+    else:
+        _write(geometry, path)
+
+
+def _write_fields(geometry: MultiPatch | Boundary, path: Path, fields: Mapping[str, SplineField]) -> None:
+    from .fields import SplineField, in_one_space
+    from .vtu import format_multipatch
+
+    if not isinstance(geometry, MultiPatch) or path.suffix.lower() != ".vtu":
+        raise InputError(f"{path}: fields are written beside a multi-patch, to .vtu; leave them out, or choose that")
+    for name, field in fields.items():
+        if not isinstance(field, SplineField):
+            raise InputError(f"field {name!r}: expected a field or solution of iga, got {type(field).__name__}")
+    with _naming(path):
+        finer, coefficients = in_one_space(geometry, fields)
+        write_atomic(path, format_multipatch(finer, coefficients))
 
 
 def _write(geometry: MultiPatch | Boundary, path: Path) -> None:
