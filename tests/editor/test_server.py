@@ -266,6 +266,43 @@ class TestInABrowser:
         page.mouse.dblclick(x, y)
         added.wait_for(state="detached")
 
+    def test_a_layout_vertex_is_dragged_freed_and_undone(self, page, tmp_path):
+        """The star's centre, where six patches meet."""
+        line = page.locator("#picture-target .iso path").first
+        vertex = page.locator("#picture-target .vertex")
+        before, (x, y) = line.get_attribute("d"), self.at(page, vertex)
+        box = page.locator("#picture-target").bounding_box()
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + 20, y + 14, steps=6)
+        page.locator("#words", has_text="of samples").wait_for()
+        assert page.locator("#verdict.good").text_content() == "certified"
+        # Out of the shape and back.
+        page.mouse.move(box["x"] + 4, box["y"] + 4, steps=6)
+        page.locator("#verdict.bad").wait_for()
+        page.mouse.move(x + 20, y + 14, steps=6)
+        page.locator("#verdict.good").wait_for()
+        page.mouse.up()
+        page.locator("#words", has_text="proved").wait_for()
+        assert self.at(page, vertex) == pytest.approx((x + 20, y + 14), abs=1)
+        after = line.get_attribute("d")
+        assert after != before
+        with page.expect_download() as started_download:
+            page.get_by_role("link", name="result.xml").click()
+        started_download.value.save_as(tmp_path / "result.xml")
+        saved = pt.read(tmp_path / "result.xml")
+        free = pt.transfer(*examples.load("star")).multipatch
+        inner = [v.point for v in saved.topology.vertices if v.interior]
+        shift = (saved.topology.coordinates - free.topology.coordinates)[inner] / free.diameter
+        assert pt.certify(saved).injective
+        assert 0.01 < shift[0, 0] < 0.1
+        page.mouse.dblclick(x + 20, y + 14)
+        page.locator("#picture-target .vertex.moved").wait_for(state="detached")
+        assert line.get_attribute("d") == before
+        page.get_by_role("button", name="undo").click()
+        page.locator("#picture-target .vertex.moved").wait_for(state="attached")
+        assert line.get_attribute("d") == after
+
     def test_files_are_saved_by_the_browser(self, page, tmp_path):
         with page.expect_download() as started_download:
             page.get_by_role("link", name="result.xml").click()
