@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
 import random
 import re
 import shutil
@@ -26,12 +27,12 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals")
 
 
 @contextmanager
-def started(*arguments):
+def started(*arguments, **options):
     # A shell's background jobs, and what they start, ignore Ctrl-C.
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{heed}; from patchtransfer.cli import main; main()"
     command = [sys.executable, "-c", code, "studio", *map(str, arguments), "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options) as process:
         try:
             yield process, process.stdout.readline().strip()
         finally:
@@ -179,6 +180,35 @@ def test_it_ends_on_ctrl_c_with_a_page_open(files):
             process.wait(timeout=30)
         assert process.returncode == 0
         assert process.stderr.read() == ""
+
+
+def test_an_outline_alone_says_what_it_waits_for(tmp_path):
+    (tmp_path / "L.csv").write_text("0,0\n3,0\n3,1\n1,1\n1,2\n0,2\n")
+    with started(tmp_path / "L.csv") as (process, address):
+        port, token = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/\?token=(.+)", address).groups()
+        assert ask(port, f"/file/result.xml?token={token}")[0] == 200
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=30) == 0
+        assert process.stderr.read() == "L.csv is an outline alone: looking for a layout of its own ...\n"
+
+
+def test_nothing_is_written_where_nobody_said(files, tmp_path):
+    home = tmp_path / "home"
+    home.mkdir()
+    places = {"HOME": str(home), "TMPDIR": str(home), "XDG_CACHE_HOME": str(home), "PYTHONDONTWRITEBYTECODE": "1"}
+    before = {path: path.stat().st_mtime_ns for path in files.rglob("*")}
+    with started(files / "source.xml", files / "target.xml", cwd=home, env={**os.environ, **places}) as (_, address):
+        port, token = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/\?token=(.+)", address).groups()
+        with connected(port, token) as socket:
+            socket.recv()
+            steps = [{"do": "grab", "loop": 0, "curve": 0, "point": 0}, {"do": "drag", "x": 0.1, "y": 0.9}]
+            for message in (*steps, {"do": "drop"}, {"do": "undo"}, {"do": "../../x", "file": "/tmp/x"}):
+                socket.send(json.dumps(message))
+                socket.recv()
+        for name in ("target.xml", "result.xml", "report.html", "report.json", "../x"):
+            ask(port, f"/file/{name}?token={token}")
+        assert list(home.iterdir()) == []
+    assert {path: path.stat().st_mtime_ns for path in files.rglob("*")} == before
 
 
 def test_a_port_that_is_taken_is_an_error(files, studio):

@@ -10,7 +10,7 @@ from functools import partial
 import click
 
 from .options import continuity_option, outline_options
-from .streams import say
+from .streams import print_line, say
 from .support import Report, failures, set_threads
 
 __all__ = ["studio"]
@@ -65,7 +65,10 @@ def studio(
         try:
             model = io.read(source)
         except io.OutlineOnlyError:
-            session = Session.of_outline(read(source), given, points, continuity)
+            outline = read(source)
+            # It may take ten seconds, after which the address comes.
+            print_line(f"{os.path.basename(source)} is an outline alone: looking for a layout of its own ...")
+            session = Session.of_outline(outline, given, points, continuity)
         else:
             session = Session(model, model.boundary() if given is None else given, points, continuity)
         title = os.path.basename(source) + (f" → {os.path.basename(target)}" if target else "")

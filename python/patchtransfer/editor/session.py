@@ -376,8 +376,17 @@ class Session:
 
     def _show_none(self, error: str, target: Boundary, begin: float) -> None:
         seconds = time.perf_counter() - begin
-        places = [*_meetings(target), *self.edited.places.values()]
-        self.shown = Shown(self.shown.model, None, error, places, seconds, self._drag is not None)
+        model = self.shown.model
+        # Vertices that are not where the last map has them.
+        there = {} if model is None else inner_vertices(model)
+        astray = [
+            place
+            for vertex, place in self.edited.vertices
+            if model is None
+            or vertex not in there
+            or tuple(model.topology.coordinates[there[vertex]].tolist()) != place
+        ]
+        self.shown = Shown(model, None, error, [*_meetings(target), *astray], seconds, self._drag is not None)
 
 
 def _pairs(landmarks: FloatArray | None) -> tuple[Landmark, ...]:

@@ -55,6 +55,11 @@ function studio(root, keys, send) {
   }
 
   function show(next) {
+    // The next map is made while this one is drawn. What was changed elsewhere is shown, too, and answers nothing.
+    if (next.done !== undefined || next.refused !== undefined) {
+      waiting = false;
+      sendNext();
+    }
     state = next;
     for (const [name, frame] of [["source", next.source_frame], ["target", next.frame]]) {
       frames[name] = frame;
@@ -83,10 +88,6 @@ function studio(root, keys, send) {
     $("redo").disabled = !next.redo;
     $("refused").hidden = !next.refused;
     $("refused").textContent = next.refused ?? "";
-    // What was changed elsewhere is shown, too, and answers nothing.
-    if (next.done === undefined && next.refused === undefined) return;
-    waiting = false;
-    sendNext();
   }
 
   function end(why) {
