@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..files import write_atomic
-from .options import continuity_option, html_option, outline_options, transfer_options, verbose_option
+from .options import continuity_option, html_option, outline_options, verbose_option
 from .streams import one_line, print_error, print_line, say, table, told
 from .support import INTERRUPTED, NOT_CERTIFIED, Report, check_outputs, command_line, failures, keep_inputs
+from .transfer_options import transfer_options
 
 if TYPE_CHECKING:
     from ..batch import BatchRow

@@ -10,17 +10,10 @@ import click
 
 from ..progress import Clock
 from .delivery import deliver, draw_patches, leave
-from .options import (
-    chosen,
-    continuity_option,
-    html_option,
-    json_option,
-    outline_options,
-    transfer_options,
-    verbose_option,
-)
+from .options import continuity_option, html_option, json_option, outline_options, verbose_option
 from .streams import say, warn
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, set_threads
+from .transfer_options import chosen, transfer_options
 from .watch import watched
 
 __all__ = ["library"]

@@ -11,7 +11,6 @@ from ..progress import Clock
 from .delivery import deliver, draw_patches, leave
 from .options import (
     continuity_option,
-    fit_tolerance_option,
     html_option,
     json_option,
     keep_uncertified_option,
@@ -20,6 +19,7 @@ from .options import (
     verbose_option,
 )
 from .support import Report, check_outputs, failures, keep_inputs, set_threads
+from .transfer_options import fit_tolerance_option
 from .watch import watched
 
 __all__ = ["parameterize"]

@@ -9,17 +9,9 @@ import click
 
 from ..progress import Clock
 from .delivery import deliver, leave
-from .options import (
-    chosen,
-    continuity_option,
-    html_option,
-    json_option,
-    outline_options,
-    polynomial_option,
-    transfer_options,
-    verbose_option,
-)
+from .options import continuity_option, html_option, json_option, outline_options, polynomial_option, verbose_option
 from .support import Report, check_outputs, failures, keep_inputs, set_threads
+from .transfer_options import chosen, transfer_options
 from .watch import watched
 
 if TYPE_CHECKING:
