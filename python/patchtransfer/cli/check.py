@@ -10,10 +10,12 @@ import click
 
 from ..errors import InputError
 from ..files import write_atomic
-from .delivery import summary
-from .options import html_option, json_option
+from ..progress import Clock
+from .delivery import figures, summary
+from .options import html_option, json_option, volume_options
 from .streams import say
 from .support import NOT_CERTIFIED, Report, all_or_nothing, check_outputs, command_line, failures, keep_inputs
+from .watch import watched
 
 __all__ = ["check"]
 
@@ -22,6 +24,7 @@ __all__ = ["check"]
 @click.argument("file", type=click.Path())
 @html_option
 @json_option
+@volume_options
 def check(file: str, html_path: str | None, json_path: str | None) -> None:
     """Topology, certificate, quality and continuity of the multi-patch FILE."""
     from .. import io
@@ -36,11 +39,24 @@ def check(file: str, html_path: str | None, json_path: str | None) -> None:
     with failures(report):
         check_outputs(page=html_path, report=json_path)
         keep_inputs([file], [html_path, json_path])
-        model = io.read(file)
-        certificate = certify(model)
-        degenerate = [(cell.patch, cell.corner) for cell in certificate.cells if cell.kind == "degenerate"]
-        unglued = [c.text for c in coincidences(model.patches, model.interfaces)]
-        metrics, continuity = quality(model, exclude=degenerate, proved=can_be_proved(model)), check_continuity(model)
+        with watched() as progress:
+            clock = Clock(progress)
+            with clock("reading") as stage:
+                model = io.read(file)
+                stage.found = repr(model)
+            with clock("certificate") as stage:
+                certificate = certify(model)
+                stage.found = certificate.status
+            degenerate = [(cell.patch, cell.corner) for cell in certificate.cells if cell.kind == "degenerate"]
+            with clock("sides") as stage:
+                unglued = [c.text for c in coincidences(model.patches, model.interfaces)]
+                stage.found = f"{len(unglued)} without interface that coincide"
+            with clock("quality") as stage:
+                metrics = quality(model, exclude=degenerate, proved=can_be_proved(model))
+                stage.found = figures(metrics)
+            with clock("continuity") as stage:
+                continuity = check_continuity(model)
+                stage.found = f"C1 on {continuity.c1_share:.2f} of the interfaces' length"
         content = {
             "topology": _topology(model),
             "labels": plain(model.sides),
@@ -54,8 +70,10 @@ def check(file: str, html_path: str | None, json_path: str | None) -> None:
             if html_path is not None:
                 from ..web.report import model_page
 
-                page = model_page(model, certificate, metrics, continuity, command=command_line(), warnings=unglued)
-                write_atomic(Path(html_path), page)
+                with watched() as progress, Clock(progress)("writing") as stage:
+                    page = model_page(model, certificate, metrics, continuity, command=command_line(), warnings=unglued)
+                    write_atomic(Path(html_path), page)
+                    stage.found = html_path
             report.write(content)
             if json_path != "-":
                 summary(content, None)

@@ -7,7 +7,7 @@ import os
 import click
 
 from .delivery import summary
-from .options import verbose_option
+from .options import volume_options
 from .streams import say, warn
 from .support import Report, failures
 from .watch import watched
@@ -18,8 +18,8 @@ __all__ = ["examples"]
 @click.command()
 @click.argument("name", required=False)
 @click.option("-o", "--output", metavar="DIR", help="Folder for all files (default: the example's name).")
-@verbose_option
-def examples(name: str | None, output: str | None, verbose: bool) -> None:
+@volume_options
+def examples(name: str | None, output: str | None) -> None:
     """List the bundled examples, or run the example NAME and keep its files in DIR."""
     from .. import examples as bundled
 
@@ -27,7 +27,7 @@ def examples(name: str | None, output: str | None, verbose: bool) -> None:
         say(*(f"{key}: {description}" for key, description in bundled.EXAMPLES.items()))
         return
     folder = name if output is None else output
-    with failures(Report(None)), watched(verbose) as progress:
+    with failures(Report(None)), watched() as progress:
         result = bundled.run(name, folder, progress)
     summary(result.to_dict(), os.path.join(folder, ""))
     warn(result.warnings)

@@ -10,7 +10,7 @@ import click
 
 from ..progress import Clock
 from .delivery import deliver, draw_patches, leave
-from .options import continuity_option, html_option, json_option, outline_options, verbose_option
+from .options import continuity_option, html_option, json_option, outline_options, volume_options
 from .streams import say, warn
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, set_threads
 from .transfer_options import chosen, transfer_options
@@ -45,7 +45,7 @@ __all__ = ["library"]
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
 @html_option
 @json_option
-@verbose_option
+@volume_options
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
 def library(
     folder: str,
@@ -61,7 +61,6 @@ def library(
     plot_path: str | None,
     html_path: str | None,
     json_path: str | None,
-    verbose: bool,
     threads: int | None,
     layers: tuple[str, ...] | None,
     clean: bool,
@@ -90,7 +89,7 @@ def library(
         keep_inputs(inputs, [output, plot_path, html_path, json_path])
         set_threads(threads)
         wanted = chosen(options)
-        with watched(verbose) as progress:
+        with watched() as progress:
             with Clock(progress)("reading") as stage:
                 boundary = io.read_boundary(target, clean=clean, smooth=smooth, layers=layers)
                 shelf = Library.open(
@@ -126,5 +125,5 @@ def library(
         assert found.result is not None
         more = {"library": found.to_dict()["library"]}
         pictures = [(plot_path, partial(draw_patches, found.result))]
-        deliver(found.result, output, report, pictures, html_path, boundary, verbose, more)
+        deliver(found.result, output, report, pictures, html_path, boundary, more)
     leave(found.result)

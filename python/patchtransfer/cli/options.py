@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 
 import click
 
+from .streams import QUIET, VOLUME
+
 __all__ = [
     "continuity_option",
     "html_option",
@@ -14,7 +16,7 @@ __all__ = [
     "outline_options",
     "polish_option",
     "polynomial_option",
-    "verbose_option",
+    "volume_options",
 ]
 
 json_option = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
@@ -23,9 +25,29 @@ html_option = click.option(
     "--html", "html_path", metavar="R.html", help="Report as one web page: pictures, certificate, quality, continuity."
 )
 
-verbose_option = click.option(
-    "-v", "--verbose", is_flag=True, help="A line on standard error for every stage: its seconds, what it came to."
-)
+
+def _loudness(context: click.Context, parameter: click.Parameter, value: int) -> None:
+    if value:
+        if VOLUME in context.meta:
+            raise click.UsageError("--verbose and --quiet exclude each other")
+        context.meta[VOLUME] = QUIET if parameter.name == "quiet" else value
+
+
+def volume_options(command: Callable[..., None]) -> Callable[..., None]:
+    """How much a command tells of itself, for `streams.volume`; all commands have them."""
+    for option in (
+        click.option("-q", "--quiet", is_flag=True, expose_value=False, callback=_loudness, help="Print errors only."),
+        click.option(
+            "-v",
+            "--verbose",
+            count=True,
+            expose_value=False,
+            callback=_loudness,
+            help="A line on standard error for every stage: its seconds, what it came to. -vv: what was decided, too.",
+        ),
+    ):
+        command = option(command)
+    return command
 
 
 def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -16,7 +16,7 @@ from .options import (
     keep_uncertified_option,
     outline_options,
     polish_option,
-    verbose_option,
+    volume_options,
 )
 from .support import Report, check_outputs, failures, keep_inputs, set_threads
 from .transfer_options import fit_tolerance_option
@@ -49,7 +49,7 @@ __all__ = ["parameterize"]
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
 @html_option
 @json_option
-@verbose_option
+@volume_options
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
 def parameterize(
     outline: str,
@@ -66,7 +66,6 @@ def parameterize(
     plot_path: str | None,
     html_path: str | None,
     json_path: str | None,
-    verbose: bool,
     threads: int | None,
     layers: tuple[str, ...] | None,
     clean: bool,
@@ -85,8 +84,8 @@ def parameterize(
         check_outputs(model=output, picture=plot_path, page=html_path, report=json_path)
         keep_inputs([outline], [output, plot_path, html_path, json_path])
         set_threads(threads)
-        with watched(verbose, _stage) as progress:
-            with Clock(ended=progress.ended)("reading") as stage:
+        with watched(_stage) as progress:
+            with Clock(progress)("reading") as stage:
                 boundary = io.read_boundary(outline, clean=clean, smooth=smooth, layers=layers)
                 stage.found = repr(boundary)
             result = run(
@@ -102,10 +101,10 @@ def parameterize(
                 on_failure="return" if keep_uncertified else "raise",
                 progress=progress,
             )
-        deliver(result, output, report, [(plot_path, partial(draw_patches, result))], html_path, boundary, verbose)
+        deliver(result, output, report, [(plot_path, partial(draw_patches, result))], html_path, boundary)
     leave(result)
 
 
-def _stage(stage: str, number: int) -> str:
+def _stage(stage: str, number: int, *_: float) -> str:
     """What a parameterization tells of its progress."""
     return f"{stage} {number}" if number else stage

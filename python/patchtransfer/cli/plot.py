@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import click
 
+from ..progress import Clock
+from .options import volume_options
 from .support import Report, check_outputs, failures, keep_inputs
+from .watch import watched
 
 __all__ = ["plot"]
 
@@ -24,6 +27,7 @@ __all__ = ["plot"]
 )
 @click.option("--ids", is_flag=True, help="Number the patches.")
 @click.option("--control-net", is_flag=True, help="Draw the control nets.")
+@volume_options
 def plot(file: str, output: str, color: str, source_path: str | None, ids: bool, control_net: bool) -> None:
     """Draw the multi-patch FILE: iso-parametric lines coloured by quality."""
     from .. import io
@@ -32,7 +36,14 @@ def plot(file: str, output: str, color: str, source_path: str | None, ids: bool,
     with failures(Report(None)):
         check_outputs(picture=output)
         keep_inputs([file, *([source_path] if source_path else [])], [output])
-        source = io.read(source_path) if source_path else None
-        named = None if color == "none" else color
-        figure = plots.multipatch(io.read(file), color=named, source=source, ids=ids, control_net=control_net)
-        plots.savefig(figure, output)
+        with watched() as progress:
+            clock = Clock(progress)
+            with clock("reading") as stage:
+                source = io.read(source_path) if source_path else None
+                model = io.read(file)
+                stage.found = repr(model)
+            with clock("drawing") as stage:
+                named = None if color == "none" else color
+                figure = plots.multipatch(model, color=named, source=source, ids=ids, control_net=control_net)
+                plots.savefig(figure, output)
+                stage.found = output

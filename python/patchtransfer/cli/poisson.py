@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
-from .options import json_option
+from ..progress import Clock
+from .options import json_option, volume_options
 from .streams import say, table, warn
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, set_threads
+from .watch import watched
 
 if TYPE_CHECKING:
     from ..iga import PoissonResult
@@ -41,6 +43,7 @@ COARSE = 0.1
 @click.option("-o", "--output", metavar="U.vtu", help="Model and solution, for ParaView.")
 @click.option("--plot", "plot_path", metavar="P.png", help="Picture: solution and absolute error.")
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
+@volume_options
 def poisson(
     file: str,
     degree: int | None,
@@ -70,15 +73,24 @@ def poisson(
         check_outputs(model=output, picture=plot_path, report=json_path)
         keep_inputs([file], [output, plot_path, json_path])
         set_threads(threads)
-        model = io.read(file)
-        given = _conditions(dirichlet, neumann, robin, load)
-        result = solve(model, degree=degree, points=points, knots="uniform" if uniform else "auto", **given)
+        with watched() as progress:
+            clock = Clock(progress)
+            with clock("reading") as stage:
+                model = io.read(file)
+                stage.found = repr(model)
+            given = _conditions(dirichlet, neumann, robin, load)
+            with clock("solution") as stage:
+                result = solve(model, degree=degree, points=points, knots="uniform" if uniform else "auto", **given)
+                stage.found = f"{result.dofs} unknowns"
         warnings = _unresolved(result)
         with all_or_nothing(output, plot_path, json_path):
-            if plot_path is not None:
-                plot.savefig(solution(result), plot_path)
-            if output is not None:
-                io.write(model, output, fields={"u": result})
+            if written := [path for path in (plot_path, output) if path is not None]:
+                with watched() as progress, Clock(progress)("writing") as stage:
+                    if plot_path is not None:
+                        plot.savefig(solution(result), plot_path)
+                    if output is not None:
+                        io.write(model, output, fields={"u": result})
+                    stage.found = ", ".join(written)
             report.write(result.to_dict() | {"warnings": warnings, "error": None})
             if json_path != "-":
                 _summary(result.to_dict())

@@ -8,9 +8,11 @@ import click
 
 from ..errors import InputError
 from ..limits import MAX_ALONG, MAX_CONTROL_POINTS, MAX_DEGREE, at_most
-from .options import json_option
+from ..progress import Clock
+from .options import json_option, volume_options
 from .streams import say, warn
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs
+from .watch import watched
 
 if TYPE_CHECKING:
     from ..geometry.multipatch import MultiPatch
@@ -36,6 +38,7 @@ __all__ = ["refine"]
     help="With --conform: close gaps up to this length, in the model's unit, by moving both sides.",
 )
 @json_option
+@volume_options
 def refine(
     file: str,
     output: str,
@@ -62,14 +65,26 @@ def refine(
         keep_inputs([file], [output, json_path])
         if weld is not None and not conform:
             raise InputError("--weld closes gaps with --conform only; give both")
-        model = io.read(file)
-        done = conformed(model, weld=weld or 0.0) if conform else None
-        model, left = (model, ()) if done is None else (done.multipatch, done.left)
-        _check_size(model, elevate, split)
-        model = (model.elevate(elevate) if elevate else model).split_spans(split)
-        model = model if smoothness is None else model.reduce_continuity(smoothness)
-        # Rounding takes straight corners to either side of straight.
-        model, certificate, notes = certify_straight(model)
+        with watched() as progress:
+            clock = Clock(progress)
+            with clock("reading") as stage:
+                model = io.read(file)
+                stage.found = repr(model)
+            done = None
+            if conform:
+                with clock("conforming") as stage:
+                    done = conformed(model, weld=weld or 0.0)
+                    stage.found = repr(done.multipatch)
+            model, left = (model, ()) if done is None else (done.multipatch, done.left)
+            with clock("refinement") as stage:
+                _check_size(model, elevate, split)
+                model = (model.elevate(elevate) if elevate else model).split_spans(split)
+                model = model if smoothness is None else model.reduce_continuity(smoothness)
+                stage.found = repr(model)
+            with clock("certificate") as stage:
+                # Rounding takes straight corners to either side of straight.
+                model, certificate, notes = certify_straight(model)
+                stage.found = certificate.status
         content = {
             "conform": None if done is None else done.to_dict(),
             "certificate": certificate.to_dict(),

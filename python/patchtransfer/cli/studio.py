@@ -9,7 +9,7 @@ from functools import partial
 
 import click
 
-from .options import continuity_option, outline_options
+from .options import continuity_option, outline_options, volume_options
 from .streams import say
 from .support import Report, failures, set_threads
 
@@ -25,6 +25,7 @@ __all__ = ["studio"]
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="0, the default, takes any free one.")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser, only print the address.")
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
+@volume_options
 def studio(
     source: str,
     target: str | None,

@@ -9,7 +9,7 @@ import click
 
 from ..progress import Clock
 from .delivery import deliver, leave
-from .options import continuity_option, html_option, json_option, outline_options, polynomial_option, verbose_option
+from .options import continuity_option, html_option, json_option, outline_options, polynomial_option, volume_options
 from .support import Report, check_outputs, failures, keep_inputs, set_threads
 from .transfer_options import chosen, transfer_options
 from .watch import watched
@@ -45,7 +45,7 @@ ROUNDING = 1e-6
 )
 @html_option
 @json_option
-@verbose_option
+@volume_options
 @click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
 def transfer(
     source: str,
@@ -58,7 +58,6 @@ def transfer(
     write_landmarks: str | None,
     html_path: str | None,
     json_path: str | None,
-    verbose: bool,
     threads: int | None,
     layers: tuple[str, ...] | None,
     clean: bool,
@@ -81,7 +80,7 @@ def transfer(
         outputs = [output, plot_path, plot_registration, write_landmarks, html_path, json_path]
         keep_inputs([source, target, landmarks], outputs)
         set_threads(threads)
-        with watched(verbose) as progress:
+        with watched() as progress:
             with Clock(progress)("reading") as stage:
                 model, boundary = io.read(source), io.read_boundary(target, clean=clean, smooth=smooth, layers=layers)
                 points = None if landmarks is None else io.read_landmarks(landmarks)
@@ -101,7 +100,7 @@ def transfer(
             (plot_registration, partial(_draw_registration, model, boundary, result)),
             (write_landmarks, partial(_write_landmarks, result)),
         ]
-        deliver(result, output, report, pictures, html_path, boundary, verbose)
+        deliver(result, output, report, pictures, html_path, boundary)
     leave(result, progress.warnings)
 
 
