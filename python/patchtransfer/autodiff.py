@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from .errors import InputError
 from .gradients import Filled, Frozen
+from .libraries import library
 
 __all__ = ["jax_function", "torch_function"]
 
@@ -37,7 +37,7 @@ def jax_function(frozen: Frozen) -> Callable[[Any], Any]:
     A boundary without a map raises within JAX, whose error quotes the `InfeasibleTargetError`. A certificate is no part
     of the function: ``frozen.fill(x).certificate`` has it.
     """
-    jax = _library("jax")
+    jax = library("jax", user="jax_function")
     if not jax.config.jax_enable_x64:
         raise InputError(
             'jax_function: JAX is set to single precision; call jax.config.update("jax_enable_x64", True) first'
@@ -78,7 +78,7 @@ def torch_function(frozen: Frozen) -> Callable[[Any], Any]:
     InputError
         Without PyTorch; the function itself on tensors of another kind.
     """
-    torch = _library("torch")
+    torch = library("torch", user="torch_function")
 
     class Fill(torch.autograd.Function):  # type: ignore[misc, name-defined]
         @staticmethod
@@ -117,12 +117,3 @@ class _Maps:
         while len(self._known) > KEPT:
             self._known.pop(next(iter(self._known)), None)
         return filled
-
-
-def _library(name: str) -> Any:
-    try:
-        return import_module(name)
-    except ModuleNotFoundError:
-        raise InputError(
-            f"{name}_function needs {name}: pip install 'patchtransfer[{name}]', or use Frozen.fill and Filled.vjp"
-        ) from None

@@ -18,4 +18,4 @@ class InfeasibleTargetError(TransferError):
 
 
 class InputWarning(UserWarning):
-    """A file says more than is read, or something twice."""
+    """A file says more than is read, or something twice; or something wanted is not made, and why."""

@@ -102,7 +102,7 @@ def test_a_missing_library_is_named_with_what_to_install(monkeypatch):
     for name in ("splinepy", "geomdl", "nutils", "meshio", "pyvista"):
         for module in (name, "geomdl.multi", "nutils.mesh"):
             monkeypatch.setitem(__import__("sys").modules, module, None)
-        with pytest.raises(InputError, match=rf"{name} cannot be loaded .*pip install 'patchtransfer\[{name}\]'"):
+        with pytest.raises(InputError, match=rf"to_{name} needs {name} .*pip install 'patchtransfer\[{name}\]'"):
             getattr(mp, f"to_{name}")()
         monkeypatch.undo()
 

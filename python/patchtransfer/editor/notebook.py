@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Unpack
 
 from numpy.typing import ArrayLike
 
-from ..errors import InputError
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
+from ..libraries import library
 from ..pipeline.options import TransferOptions
 from ..registration.landmarks import read_landmark_rows
 from .session import Session
@@ -63,10 +63,7 @@ def studio(
     >>> page.result.multipatch == pt.transfer(source, target, landmarks).multipatch
     True
     """
-    try:
-        import anywidget  # noqa: F401
-    except ImportError as error:
-        raise InputError(f"pt.studio needs anywidget ({error}); pip install 'patchtransfer[notebook]'") from None
+    library("anywidget", "notebook", "pt.studio")
     from .widget import StudioWidget
 
     rows = None if landmarks is None else read_landmark_rows(landmarks)

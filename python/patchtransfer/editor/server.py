@@ -23,6 +23,7 @@ from ..files import json_text
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..io.points import landmarks_text
+from ..libraries import library
 from ..pipeline.result import TransferResult
 from ..web.report import render, transfer_page
 from .messages import LARGEST_MESSAGE, answer
@@ -68,11 +69,10 @@ def serve(session: Session, title: str, port: int, ready: Callable[[str], None])
     InputError
         When the port is taken, or the extra ``studio`` is not installed.
     """
-    try:
-        import uvicorn
-        import websockets  # noqa: F401
-    except ImportError as error:
-        raise InputError(f"the studio needs {error.name}; pip install 'patchtransfer[studio]'") from None
+    for name in ("uvicorn", "websockets", "starlette"):
+        library(name, "studio", "the studio")
+    import uvicorn
+
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

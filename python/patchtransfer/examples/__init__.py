@@ -7,11 +7,12 @@ An example is a folder with ``source.xml`` (a multi-patch), ``target.svg`` (a dr
 from __future__ import annotations
 
 import os
+import warnings
 from importlib.resources import as_file, files
 from pathlib import Path
 
 from .. import io
-from ..errors import InputError
+from ..errors import InputError, InputWarning
 from ..files import json_text, write_atomic
 from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
@@ -19,6 +20,7 @@ from ..numeric.arrays import FloatArray
 from ..pipeline.result import TransferResult
 from ..pipeline.transfer import transfer
 from ..plot import figures as plot
+from ..plot.drawing import need_matplotlib
 from ..progress import Clock, Progress
 
 __all__ = ["EXAMPLES", "RATIONAL", "load", "run"]
@@ -94,7 +96,8 @@ def run(name: str, folder: str | os.PathLike[str], progress: Progress | None = N
     """Transfer a bundled example and keep everything in a folder.
 
     Writes the inputs ``source.xml``, ``target.svg`` (or ``target.xml``) and ``landmarks.csv``, then ``result.xml``, the
-    pictures ``transfer.png`` and ``registration.png``, and ``report.json``. Files of these names are replaced.
+    pictures ``transfer.png`` and ``registration.png``, and ``report.json``. Files of these names are replaced. Without
+    matplotlib there are no pictures, which an `InputWarning` says.
 
     Parameters
     ----------
@@ -130,10 +133,15 @@ def run(name: str, folder: str | os.PathLike[str], progress: Progress | None = N
     metrics = result.quality.scaled_jacobian
     caption = f"{result.certificate.status}; scaled Jacobian at least {metrics.min:.3f}, mean {metrics.mean:.3f}"
     with clock("writing") as stage:
-        plot.savefig(plot.transfer(source, target, result.multipatch, caption=caption), folder / "transfer.png")
-        pairs = [[*a, *b] for a, b in result.registration.joints]
-        fitted = result.multipatch.boundary()
-        plot.savefig(plot.registration(source.boundary(), fitted, pairs, target), folder / "registration.png")
+        try:
+            need_matplotlib("drawing")
+        except InputError as missing:
+            warnings.warn(f"{folder}: no pictures are made: {missing}", InputWarning, stacklevel=2)
+        else:
+            plot.savefig(plot.transfer(source, target, result.multipatch, caption=caption), folder / "transfer.png")
+            pairs = [[*a, *b] for a, b in result.registration.joints]
+            fitted = result.multipatch.boundary()
+            plot.savefig(plot.registration(source.boundary(), fitted, pairs, target), folder / "registration.png")
         io.write(result.multipatch, folder / "result.xml")
         write_atomic(folder / "report.json", json_text(result.to_dict()))
         stage.found = str(folder)

@@ -10,7 +10,8 @@ from ..errors import InputError
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..io.foreign import patch_of
-from .library import library, listed
+from ..libraries import library
+from .sequences import listed
 
 __all__ = ["from_geomdl", "to_geomdl"]
 
@@ -37,11 +38,11 @@ def _patch(surface: Any, where: str) -> Patch:
 
 def to_geomdl(mp: MultiPatch) -> Any:
     """See `MultiPatch.to_geomdl`."""
-    return library("geomdl.multi").SurfaceContainer(*[_surface(patch) for patch in mp])
+    return library("geomdl.multi", user="to_geomdl").SurfaceContainer(*[_surface(patch) for patch in mp])
 
 
 def _surface(patch: Patch) -> Any:
-    kind = library("geomdl.BSpline" if patch.weights is None else "geomdl.NURBS")
+    kind = library("geomdl.BSpline" if patch.weights is None else "geomdl.NURBS", user="to_geomdl")
     # Knots as they are, not on [0, 1].
     surface = kind.Surface(normalize_kv=False)
     surface.degree_u, surface.degree_v = patch.degrees

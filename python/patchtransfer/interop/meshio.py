@@ -11,15 +11,15 @@ from ..geometry.basis import knot_spans
 from ..geometry.combinatorics import identify
 from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
+from ..libraries import library
 from ..numeric.arrays import FloatArray, IntArray
-from .library import library
 
 __all__ = ["to_meshio"]
 
 
 def to_meshio(mp: MultiPatch, samples: int) -> Any:
     """See `MultiPatch.to_meshio`."""
-    meshio = library("meshio")
+    meshio = library("meshio", user="to_meshio")
     if samples < 1:
         raise InputError(f"samples = {samples}: a knot span is cut into 1 part or more")
     grids = [_grid(patch, samples) for patch in mp]

@@ -21,8 +21,8 @@ from ..geometry.patch import Patch
 from ..geometry.sides import CORNERS, Side
 from ..geometry.strips import strips
 from ..io.vtu import bezier_pieces
+from ..libraries import library
 from ..numeric.arrays import FloatArray, IntArray
-from .library import library
 
 __all__ = ["to_nutils"]
 
@@ -34,7 +34,7 @@ OUTLINE = "outline"
 
 def to_nutils(mp: MultiPatch) -> tuple[Any, Any]:
     """See `MultiPatch.to_nutils`."""
-    mesh = library("nutils.mesh")
+    mesh = library("nutils.mesh", user="to_nutils")
     turned = _turns(mp)
     corners = np.array([_corners(mp.topology.points[k], turned[k]) for k in range(len(mp))])
     coupled = not any(strip.twisted for strip in strips(mp.topology)) and _tells_sides(mp, corners, turned)

@@ -6,15 +6,15 @@ from typing import Any
 
 from ..geometry.multipatch import MultiPatch
 from ..io.vtu import format_multipatch
-from .library import library
+from ..libraries import library
 
 __all__ = ["to_pyvista"]
 
 
 def to_pyvista(mp: MultiPatch) -> Any:
     """See `MultiPatch.to_pyvista`."""
-    pyvista = library("pyvista")
-    reader = library("vtkmodules.vtkIOXML").vtkXMLUnstructuredGridReader()
+    pyvista = library("pyvista", user="to_pyvista")
+    reader = library("vtkmodules.vtkIOXML", "pyvista", "to_pyvista").vtkXMLUnstructuredGridReader()
     reader.ReadFromInputStringOn()
     reader.SetInputString(format_multipatch(mp))
     reader.Update()

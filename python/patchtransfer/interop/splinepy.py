@@ -17,8 +17,9 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.patch import Patch
 from ..geometry.sides import Interface, Side
 from ..io.foreign import patch_of
+from ..libraries import library
 from ..numeric.arrays import IntArray
-from .library import library, listed
+from .sequences import listed
 
 __all__ = ["from_splinepy", "to_splinepy"]
 
@@ -78,7 +79,7 @@ def _labels(table: IntArray) -> dict[str, list[tuple[int, int]]]:
 
 def to_splinepy(mp: MultiPatch) -> Any:
     """See `MultiPatch.to_splinepy`."""
-    splinepy = library("splinepy")
+    splinepy = library("splinepy", user="to_splinepy")
     table = np.full((len(mp), 4), -1, np.int64)
     for f in mp.interfaces:
         a, b = 4 * f.patch_a + f.side_a - 1, 4 * f.patch_b + f.side_b - 1

@@ -20,9 +20,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.boundary import Boundary
+from ..libraries import library
 from ..limits import MAX_CURVES, MAX_DXF_LINES, at_most
 from ..numeric.arrays import FloatArray
-from .optional import damaged, library
+from .damage import damaged
 from .options import DEFAULT, BoundaryOptions
 from .pieces import Piece, arc, boundary_of, bulge, full_turn, line, spline
 

@@ -172,7 +172,7 @@ def boundary_of_shapely(polygon: Any, smooth: bool | None = None) -> Boundary:
     if polygon.is_empty:
         raise InputError("the polygon is empty; pass one with an area")
     if not polygon.is_valid:
-        from .optional import library
+        from ..libraries import library
 
         reason = library("shapely", "geo").is_valid_reason(polygon)
         raise InputError(f"the polygon is not valid ({reason}); mend it with shapely.make_valid")

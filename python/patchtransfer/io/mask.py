@@ -27,11 +27,12 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
+from ..libraries import library
 from ..limits import MAX_BOUNDARY_POINTS, MAX_LOOPS, MAX_PIXELS, at_most
 from ..numeric.arrays import FloatArray
 from ..numeric.dense import svd
+from .damage import damaged
 from .loops import clamp, close_loop
-from .optional import damaged, library
 from .options import DEFAULT, BoundaryOptions
 
 __all__ = ["boundary_of_mask", "looks_like_image", "read_boundary"]

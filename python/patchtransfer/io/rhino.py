@@ -16,8 +16,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry.boundary import Boundary
+from ..libraries import library
 from ..limits import MAX_CURVES, at_most
-from .optional import damaged, library
+from .damage import damaged
 from .options import DEFAULT, BoundaryOptions
 from .pieces import Piece, boundary_of, spline
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..files import write_atomic
 from ..geometry.multipatch import MultiPatch
-from .drawing import draw_multipatch, finish, side_lines
+from .drawing import draw_multipatch, finish, need_matplotlib, side_lines
 
 __all__ = ["animate", "check_animation", "ffmpeg_path"]
 
@@ -90,9 +90,10 @@ def animate(
 
 
 def check_animation(path: Path) -> None:
-    """Raise `InputError` when an animation cannot be made at this path: unknown suffix, or no ffmpeg for MP4."""
+    """Raise `InputError` when no animation can be made at this path: its suffix, no matplotlib, no ffmpeg for MP4."""
     if path.suffix.lower() not in (".gif", ".mp4"):
         raise InputError(f"{path}: unknown format for an animation; use .gif or .mp4")
+    need_matplotlib(f"{path}: the animation")
     if path.suffix.lower() == ".mp4":
         ffmpeg_path()
 

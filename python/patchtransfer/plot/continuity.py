@@ -114,10 +114,10 @@ def c1_spans(mp: MultiPatch) -> Figure:
     >>> c1_spans(examples.load("star")[0]).axes[0].get_title()
     "C1 on 0.00 of the interfaces' length"
     """
-    from matplotlib.collections import LineCollection
-
     spans = smooth_spans(mp)
     figure = new_figure((6, 6))
+    from matplotlib.collections import LineCollection
+
     ax = figure.add_subplot()
     outline = [curve(np.linspace(*curve.domain, POINTS * 4)) for loop in mp.boundary().loops for curve in loop]
     ax.add_collection(LineCollection(outline, colors="black", linewidths=0.9))

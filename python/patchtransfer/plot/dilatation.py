@@ -45,14 +45,14 @@ def dilatation(a: MultiPatch, b: MultiPatch, title: str | None = None) -> Figure
     InputError
         When the models are not of one layout.
     """
-    from matplotlib.collections import PolyCollection
-
     a, b = common_layout(a, b)
     fields = [
         _field(p, q, _between(p, 0, FINE), _between(p, 1, FINE)) for p, q in zip(a.patches, b.patches, strict=True)
     ]
     middles = [_field(p, q, _between(p, 0, 1), _between(p, 1, 1)) for p, q in zip(a.patches, b.patches, strict=True)]
     figure = new_figure((7.2, 5.6))
+    from matplotlib.collections import PolyCollection
+
     ax = figure.add_subplot()
     top = max(float(np.nanmax(values, where=np.isfinite(values), initial=1e-6)) for _, _, values in fields)
     mesh = None

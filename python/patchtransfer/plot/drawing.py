@@ -12,6 +12,7 @@ from ..geometry.basis import knot_spans
 from ..geometry.boundary import Boundary
 from ..geometry.curve import BSplineCurve
 from ..geometry.multipatch import MultiPatch
+from ..libraries import library
 from ..numeric.arrays import FloatArray
 from .labels import number_patches, points_per_unit
 from .palette import LIGHT, colours_of_patches
@@ -38,6 +39,7 @@ __all__ = [
     "figure_of",
     "finish",
     "legend",
+    "need_matplotlib",
     "new_axes",
     "new_figure",
     "panels",
@@ -61,8 +63,20 @@ _EXTRAORDINARY: dict[str, Any] = {
 }
 
 
+def need_matplotlib(user: str) -> None:
+    """Raise `InputError` with what to install where `user` cannot draw."""
+    library("matplotlib", "plot", user)
+
+
 def new_figure(size: tuple[float, float]) -> Picture:
-    """An empty figure of this size in inches, made without pyplot."""
+    """An empty figure of this size in inches, made without pyplot; all drawing begins with one.
+
+    Raises
+    ------
+    InputError
+        Without matplotlib.
+    """
+    need_matplotlib("drawing")
     from .picture import Picture
 
     return Picture(figsize=size, layout="constrained")

@@ -225,10 +225,10 @@ def registration(
             raise InputError(f"{name} must have shape (r, 4), a row xs, ys, xt, yt each, got {rows.shape}")
     if confidence is not None:
         titles = (titles[0], f"{titles[1]} (confidence {confidence:.2f})")
+    figure, axes = panels([np.concatenate(closed_loops(b)) for b in (source, fitted)], 0.4)
     from matplotlib import colormaps
     from matplotlib.lines import Line2D
 
-    figure, axes = panels([np.concatenate(closed_loops(b)) for b in (source, fitted)], 0.4)
     if target is not None:
         draw_boundary(axes[1], target, color="#b5b5b5", width=3.5, dots=False)
         handles = [
@@ -283,9 +283,10 @@ def savefig(figure: Figure, path: str | os.PathLike[str], dpi: int = 200) -> Non
 
 def png(shown: MultiPatch | Patch | Boundary, dpi: int = 110) -> bytes:
     """PNG image of :func:`multipatch` or :func:`boundary`, for notebooks."""
+    figure = picture_of(shown)
     from .picture import rendered
 
-    return rendered(picture_of(shown), "png", dpi)
+    return rendered(figure, "png", dpi)
 
 
 def picture_of(shown: MultiPatch | Patch | Boundary) -> Figure:

@@ -33,6 +33,7 @@ from ..pipeline.plan import TransferPlan
 from ..pipeline.result import TransferResult
 from ..plot import figures as plot
 from ..plot.continuity import slope_differences
+from ..plot.drawing import need_matplotlib
 from . import figures
 from .page import page
 from .proportions import condition_number_to_scale
@@ -283,13 +284,14 @@ def reproduce(
     Raises
     ------
     InputError
-        On an unknown sample, or a folder that cannot be written to.
+        On an unknown sample, a folder that cannot be written to, or without matplotlib.
     """
     samples = [name for name in examples.EXAMPLES if name not in examples.RATIONAL]
     chosen = samples if names is None else list(dict.fromkeys(names))
     unknown = [name for name in chosen if name not in samples]
     if unknown or not chosen:
         raise InputError(f"no sample {(unknown or ['(none)'])[0]!r}; there are {', '.join(samples)}")
+    need_matplotlib("the figures")
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,15 +1,13 @@
-"""Libraries that only some formats need: extras of the package, loaded when a file asks for them."""
+"""What libraries raise on files that are damaged, as an error of ours."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import import_module
-from typing import Any
 
 from ..errors import InputError
 
-__all__ = ["damaged", "library"]
+__all__ = ["damaged"]
 
 #: What libraries raise on files that are cut off, mangled or made to harm.
 FAILURES = (
@@ -23,17 +21,6 @@ FAILURES = (
     RuntimeError,
     StopIteration,
 )
-
-
-def library(name: str, extra: str) -> Any:
-    """The module `name`, or an `InputError` that tells which extra brings it."""
-    try:
-        return import_module(name)
-    except ModuleNotFoundError as error:
-        package = name.partition(".")[0]
-        if (error.name or "").partition(".")[0] != package:
-            raise
-        raise InputError(f"needs {package}, which is not installed: pip install 'patchtransfer[{extra}]'") from None
 
 
 @contextmanager
