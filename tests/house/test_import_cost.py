@@ -41,7 +41,7 @@ UNASKED = {
     "svg",
 }
 #: Modules of the command line that commands share.
-SHARED = {"group", "options", "transfer_options", "streams", "support", "watch", "delivery"}
+SHARED = {"group", "options", "outlines", "transfer_options", "streams", "support", "watch", "delivery"}
 #: Most modules that are loaded for help: a bare interpreter has 33 to 40, click and what it needs 90 more, and one of
 #: ours costs from 1 to 3 ms. Now there are 150 at most.
 MODULES = 165

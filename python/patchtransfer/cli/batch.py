@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..files import write_atomic
-from .options import continuity_option, html_option, outline_options, volume_options
+from .options import FOLDER, continuity_option, html_option, volume_options
+from .outlines import Outlines, outline_options
 from .streams import QUIET, one_line, print_error, print_line, say, table, told, volume
 from .support import INTERRUPTED, NOT_CERTIFIED, Report, check_outputs, command_line, failures, keep_inputs
 from .transfer_options import transfer_options
@@ -26,7 +27,9 @@ __all__ = ["batch"]
 @click.command()
 @click.argument("source", type=click.Path())
 @click.argument("targets", type=click.Path(), nargs=-1, required=True)
-@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for all files; made if it does not exist.")
+@click.option(
+    "-o", "--output", required=True, type=FOLDER, metavar="DIR", help="Folder for all files; made if it does not exist."
+)
 @continuity_option("c1")
 @transfer_options
 @outline_options
@@ -44,6 +47,7 @@ def batch(
     workers: int | None,
     force: bool,
     html_path: str | None,
+    outlines: Outlines,
     **options: Any,
 ) -> None:
     """Transfer SOURCE to all TARGETS; for NAME.svg write NAME.xml and NAME.report.json to DIR.
@@ -64,7 +68,7 @@ def batch(
                     source,
                     targets,
                     output,
-                    BatchOptions(**options),
+                    BatchOptions(**outlines.keywords(), **options),
                     continuity=continuity,
                     workers=processes,
                     force=force,

@@ -10,7 +10,8 @@ import click
 
 from ..progress import Clock
 from .delivery import deliver, draw_patches, leave
-from .options import continuity_option, html_option, json_option, outline_options, volume_options
+from .options import FILE, FOLDER, continuity_option, html_option, json_option, threads_option, volume_options
+from .outlines import Outlines, outline_options
 from .streams import say, warn
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, set_threads
 from .transfer_options import chosen, transfer_options
@@ -20,9 +21,11 @@ __all__ = ["library"]
 
 
 @click.command()
-@click.argument("folder", type=click.Path(), metavar="DIR")
+@click.argument("folder", type=FOLDER, metavar="DIR")
 @click.argument("target", type=click.Path())
-@click.option("-o", "--output", metavar="OUT.xml", help="Multi-patch of the best; without it DIR is only ranked.")
+@click.option(
+    "-o", "--output", type=FILE, metavar="OUT.xml", help="Multi-patch of the best; without it DIR is only ranked."
+)
 @click.option("--tries", type=click.IntRange(1), default=3, show_default=True, help="Models that are transferred.")
 @click.option("--keep", type=click.IntRange(1), default=12, show_default=True, help="Models that are registered.")
 @click.option(
@@ -34,7 +37,7 @@ __all__ = ["library"]
 @click.option("--skip-unreadable", is_flag=True, help="Leave out files that are no models.")
 @click.option(
     "--cache",
-    type=click.Path(),
+    type=FOLDER,
     metavar="FOLDER",
     help="Where what is known of models is kept (default: $PATCHTRANSFER_CACHE, else the user's place for caches).",
 )
@@ -42,11 +45,11 @@ __all__ = ["library"]
 @continuity_option("c0")
 @transfer_options
 @outline_options
-@click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
+@click.option("--plot", "plot_path", type=FILE, metavar="P.png", help="Picture of the multi-patch.")
 @html_option
 @json_option
 @volume_options
-@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
+@threads_option
 def library(
     folder: str,
     target: str,
@@ -62,9 +65,7 @@ def library(
     html_path: str | None,
     json_path: str | None,
     threads: int | None,
-    layers: tuple[str, ...] | None,
-    clean: bool,
-    smooth: bool | None,
+    outlines: Outlines,
     **options: Any,
 ) -> None:
     """Transfer to the boundary TARGET the model of the folder DIR that suits it best.
@@ -72,7 +73,6 @@ def library(
     All models are compared by a signature, the nearest by registration, and the best of these are transferred; the map
     with the largest proved minimum of the scaled Jacobian is written. A table says how far each came, and why.
     """
-    from .. import io
     from ..errors import InputError
     from ..library.library import Library
     from ..library.ranked import table
@@ -91,7 +91,7 @@ def library(
         wanted = chosen(options)
         with watched() as progress:
             with Clock(progress)("reading") as stage:
-                boundary = io.read_boundary(target, clean=clean, smooth=smooth, layers=layers)
+                boundary = outlines.read(target)
                 shelf = Library.open(
                     folder,
                     continuity,

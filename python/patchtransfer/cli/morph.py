@@ -13,7 +13,7 @@ import click
 from ..errors import InputError
 from ..files import write_atomic
 from ..progress import Clock
-from .options import volume_options
+from .options import FOLDER, volume_options
 from .streams import print_error, say
 from .support import INTERRUPTED, NOT_CERTIFIED, Report, failures, keep_inputs
 from .watch import watched
@@ -28,7 +28,9 @@ __all__ = ["morph"]
 @click.argument("a", type=click.Path())
 @click.argument("b", type=click.Path())
 @click.option("-n", "frames", type=click.IntRange(2, 10000), default=30, show_default=True, help="Frames, with ends.")
-@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for all files; made if it does not exist.")
+@click.option(
+    "-o", "--output", required=True, type=FOLDER, metavar="DIR", help="Folder for all files; made if it does not exist."
+)
 @click.option(
     "--way",
     type=click.Choice(["auto", "rigid"]),

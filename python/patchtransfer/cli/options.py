@@ -2,27 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import click
 
 from .streams import QUIET, VOLUME
 
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
 __all__ = [
+    "FILE",
+    "FOLDER",
+    "completed",
     "continuity_option",
     "html_option",
     "json_option",
     "keep_uncertified_option",
-    "outline_options",
     "polish_option",
     "polynomial_option",
+    "threads_option",
     "volume_options",
 ]
 
-json_option = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
+#: A file that is written; whether it can be is looked at when all options are known.
+FILE = click.Path(readable=False)
+
+
+class _Folder(click.Path):
+    """A folder, which may not exist; shells complete folders only."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        from click.shell_completion import CompletionItem
+
+        return [CompletionItem(incomplete, type="dir")]
+
+
+FOLDER = _Folder(readable=False)
+
+
+def completed(
+    names: Iterable[str],
+) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    """Completion of a text that is one of these names, or something else."""
+    return lambda context, parameter, incomplete: [name for name in names if name.startswith(incomplete)]
+
+
+threads_option = click.option(
+    "--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all)."
+)
+
+json_option = click.option(
+    "--json", "json_path", type=FILE, metavar="R.json", help='JSON report; "-" for standard output.'
+)
 
 html_option = click.option(
-    "--html", "html_path", metavar="R.html", help="Report as one web page: pictures, certificate, quality, continuity."
+    "--html",
+    "html_path",
+    type=FILE,
+    metavar="R.html",
+    help="Report as one web page: pictures, certificate, quality, continuity.",
 )
 
 
@@ -78,35 +118,6 @@ def polish_option(
         callback=lambda context, parameter, value: None if value == "none" else value,
         help=text,
     )
-
-
-def outline_options(command: Callable[..., None]) -> Callable[..., None]:
-    """How an outline is read: keywords of `read_boundary`."""
-    for option in (
-        click.option(
-            "--layer",
-            "layers",
-            multiple=True,
-            callback=lambda context, parameter, value: value or None,
-            metavar="NAME",
-            help="Layer of the drawing to read, or GeoJSON polygon; repeatable (default: all that are visible).",
-        ),
-        click.option(
-            "--no-clean",
-            "clean",
-            is_flag=True,
-            default=True,
-            flag_value=False,
-            help="Do not mend slips of the outline.",
-        ),
-        click.option(
-            "--smooth/--polygon",
-            default=None,
-            help="Points are samples of smooth curves, or corners of polygons (default: all turns decide).",
-        ),
-    ):
-        command = option(command)
-    return command
 
 
 keep_uncertified_option = click.option(

@@ -5,25 +5,33 @@ from __future__ import annotations
 import click
 
 from ..progress import Clock
-from .options import volume_options
+from .options import FILE, completed, volume_options
 from .support import Report, check_outputs, failures, keep_inputs
 from .watch import watched
 
 __all__ = ["plot"]
 
+#: Of `plot.multipatch`, and none.
+COLORS = ("scaled_jacobian", "condition", "stretch", "dilatation", "patch", "none")
+
 
 @click.command()
 @click.argument("file", type=click.Path())
-@click.option("-o", "--output", required=True, metavar="P.png", help="Picture (PNG, PDF or SVG).")
+@click.option("-o", "--output", required=True, type=FILE, metavar="P.png", help="Picture (PNG, PDF or SVG).")
 @click.option(
     "--color",
     default="scaled_jacobian",
     metavar="NAME",
     show_default=True,
+    shell_complete=completed(COLORS),
     help="What lines show: scaled_jacobian, condition, stretch, dilatation, patch or none.",
 )
 @click.option(
-    "--source", "source_path", metavar="S.xml", help="For stretch and dilatation: a model of the same layout."
+    "--source",
+    "source_path",
+    type=FILE,
+    metavar="S.xml",
+    help="For stretch and dilatation: a model of the same layout.",
 )
 @click.option("--ids", is_flag=True, help="Number the patches.")
 @click.option("--control-net", is_flag=True, help="Draw the control nets.")

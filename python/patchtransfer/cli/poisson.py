@@ -9,7 +9,7 @@ import click
 
 from ..errors import InputError
 from ..progress import Clock
-from .options import json_option, volume_options
+from .options import FILE, json_option, threads_option, volume_options
 from .streams import say, table, warn
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, set_threads
 from .watch import watched
@@ -40,9 +40,9 @@ COARSE = 0.1
 @click.option("--load", type=float, metavar="F", help="With these: a constant right-hand side (default 0).")
 @click.option("--uniform", is_flag=True, help="Uniform knots, even where the geometry's knots could be kept.")
 @json_option
-@click.option("-o", "--output", metavar="U.vtu", help="Model and solution, for ParaView.")
-@click.option("--plot", "plot_path", metavar="P.png", help="Picture: solution and absolute error.")
-@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
+@click.option("-o", "--output", type=FILE, metavar="U.vtu", help="Model and solution, for ParaView.")
+@click.option("--plot", "plot_path", type=FILE, metavar="P.png", help="Picture: solution and absolute error.")
+@threads_option
 @volume_options
 def poisson(
     file: str,

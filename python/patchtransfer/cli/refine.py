@@ -9,7 +9,7 @@ import click
 from ..errors import InputError
 from ..limits import MAX_ALONG, MAX_CONTROL_POINTS, MAX_DEGREE, at_most
 from ..progress import Clock
-from .options import json_option, volume_options
+from .options import FILE, json_option, volume_options
 from .streams import say, warn
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs
 from .watch import watched
@@ -22,7 +22,9 @@ __all__ = ["refine"]
 
 @click.command()
 @click.argument("file", type=click.Path())
-@click.option("-o", "--output", required=True, metavar="OUT.xml", help="The same model in another spline space.")
+@click.option(
+    "-o", "--output", required=True, type=FILE, metavar="OUT.xml", help="The same model in another spline space."
+)
 @click.option("--elevate", type=click.IntRange(0, 10), default=0, metavar="N", help="Raise all degrees by N.")
 @click.option("--split", type=click.IntRange(1, 64), default=1, metavar="N", help="Cut every knot span into N.")
 @click.option("--smoothness", type=click.IntRange(0), metavar="R", help="Repeat inner knots until C^R.")
