@@ -1,7 +1,7 @@
 """Command line: ``patchtransfer COMMAND``, a module a command.
 
-Exit status: 0 a certified result (or model), 1 not certified, 2 bad input or an infeasible target. Nothing is
-written with status 2, nor with 1 unless ``--keep-uncertified``.
+Exit status: 0 done, with a certified result (or model), 1 not certified, 2 bad input or an infeasible target, 130
+Ctrl-C; ``docs/guide/command-line.md`` says what that means for each command. Reports are as ``report.schema.json`` says.
 
 A command's module is loaded when it runs, and loads what it works with later still, so that help, version and the
 shell's completions are there at once.
@@ -47,6 +47,10 @@ COMMANDS = {
         "Open a local page where the target is dragged and the certified result follows.",
     ),
     "morph": ("morph", "Certified multi-patches in between A and B, which differ in their control points only."),
+    "schema": (
+        "schema",
+        "Write the JSON schema (draft 2020-12) of all reports, or of those of COMMAND, to standard output.",
+    ),
     "poisson": ("poisson", "Solve -Δu = f on the multi-patch FILE, with values and fluxes on the sides of labels."),
 }
 
