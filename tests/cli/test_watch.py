@@ -216,7 +216,10 @@ def commands_on_files(folder) -> dict[str, tuple]:
         "examples": (("examples", "star", "-o", folder / "star"), ["reading", "registration", "writing"]),
         "batch": (("batch", a, WRENCH / "target.svg", "-o", folder / "many", "--workers", 1), []),
         "morph": (("morph", a, b, "-n", 3, "-o", folder / "frames"), ["reading", "frames", "writing"]),
-        "poisson": (("poisson", a, "-o", folder / "u.vtu"), ["reading", "solution", "writing"]),
+        "poisson": (
+            ("poisson", a, "-o", folder / "u.vtu"),
+            ["reading", "setup", "assembly", "solve", "errors", "writing"],
+        ),
     }
 
 

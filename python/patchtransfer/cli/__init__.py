@@ -1,7 +1,7 @@
 """Command line: ``patchtransfer COMMAND``, a module a command.
 
 Exit status: 0 done, with a certified result (or model), 1 not certified, 2 bad input or an infeasible target, 130
-Ctrl-C; ``docs/guide/command-line.md`` says what that means for each command. Reports are as ``report.schema.json`` says.
+Ctrl-C; ``docs/guide/command-line.md`` says what that means for each command. ``report.schema.json`` describes reports.
 
 A command's module is loaded when it runs, and loads what it works with later still, so that help, version and the
 shell's completions are there at once.

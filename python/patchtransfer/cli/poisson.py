@@ -79,9 +79,8 @@ def poisson(
                 model = io.read(file)
                 stage.found = repr(model)
             given = _conditions(dirichlet, neumann, robin, load)
-            with clock("solution") as stage:
-                result = solve(model, degree=degree, points=points, knots="uniform" if uniform else "auto", **given)
-                stage.found = f"{result.dofs} unknowns"
+            knots = "uniform" if uniform else "auto"
+            result = solve(model, degree=degree, points=points, knots=knots, progress=progress, **given)
         warnings = _unresolved(result)
         with all_or_nothing(output, plot_path, json_path):
             if written := [path for path in (plot_path, output) if path is not None]:
