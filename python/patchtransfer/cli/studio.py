@@ -8,10 +8,12 @@ from contextlib import suppress
 
 import click
 
+from ..progress import Clock
 from .options import FILE, continuity_option, threads_option, volume_options
 from .outlines import Outlines, outline_options
 from .streams import say
 from .support import Report, failures, set_threads
+from .watch import watched
 
 __all__ = ["studio"]
 
@@ -58,14 +60,17 @@ def studio(
 
     with failures(Report(None)):
         set_threads(threads)
-        points = None if landmarks is None else io.read_landmarks(landmarks)
-        given = None if target is None else outlines.read(target)
-        try:
-            model = io.read(source)
-        except io.OutlineOnlyError:
-            session = Session.of_outline(outlines.read(source), given, points, continuity)
-        else:
-            session = Session(model, model.boundary() if given is None else given, points, continuity)
+        with watched() as progress, Clock(progress)("reading") as stage:
+            points = None if landmarks is None else io.read_landmarks(landmarks)
+            given = None if target is None else outlines.read(target)
+            try:
+                model = io.read(source)
+            except io.OutlineOnlyError:
+                # May take seconds.
+                session = Session.of_outline(outlines.read(source), given, points, continuity)
+            else:
+                session = Session(model, model.boundary() if given is None else given, points, continuity)
+            stage.found = repr(session.source)
         title = os.path.basename(source) + (f" → {os.path.basename(target)}" if target else "")
         with suppress(KeyboardInterrupt):
             serve(session, title, port, ready)
