@@ -38,8 +38,8 @@ def written(arguments: list[str], stdout: str) -> list[tuple[Any, tuple[str, ...
     if "--json" in arguments[:-1]:
         path = arguments[arguments.index("--json") + 1]
         text = stdout if path == "-" else Path(path).read_text() if Path(path).is_file() else ""
-        # An error of the options comes before any report.
-        if text.startswith("{"):
+        # An error of the options comes before any report, and an input is none that was not replaced.
+        if text.startswith("{") and arguments.count(path) == 1:
             found.append((json.loads(text), (command, "failure")))
     if command in ("batch", "morph", "examples") and "-o" in arguments[:-1]:
         folder = Path(arguments[arguments.index("-o") + 1])
