@@ -63,4 +63,6 @@ sphinx_gallery_conf = {
 html_theme = "furo"
 html_title = f"patchtransfer {release}"
 html_static_path: list[str] = []
+# Under the address that it has as its name.
+html_extra_path = ["../python/patchtransfer/report.schema.json"]
 html_show_copyright = False
