@@ -30,7 +30,6 @@ extensions = [
     "sphinx.ext.viewcode",
     "sphinx_click",
     "sphinx_design",
-    "sphinx_design",
     "sphinx_gallery.gen_gallery",
 ]
 exclude_patterns = ["_build", "inventories", "_ext", "_templates", "gallery"]
@@ -82,4 +81,6 @@ sphinx_gallery_conf = {
 html_theme = "furo"
 html_title = f"patchtransfer {release}"
 html_static_path: list[str] = []
+# Under the address that it has as its name.
+html_extra_path = ["../python/patchtransfer/report.schema.json"]
 html_show_copyright = False

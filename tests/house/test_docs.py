@@ -46,10 +46,6 @@ def test_every_public_function_has_an_example():
             assert ">>> " in (thing.__doc__ or ""), name
 
 
-def test_the_citation_has_the_version():
-    assert f"\nversion: {pt.__version__}\n" in (DOCS.parent / "CITATION.cff").read_text()
-
-
 def test_quickstart_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", (DOCS / "guide" / "quickstart.md").read_text(), re.DOTALL)
