@@ -29,7 +29,6 @@ extensions = [
     "sphinx.ext.viewcode",
     "sphinx_click",
     "sphinx_design",
-    "sphinx_design",
     "sphinx_gallery.gen_gallery",
 ]
 exclude_patterns = ["_build", "inventories", "_ext", "_templates", "gallery"]
