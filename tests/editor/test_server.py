@@ -182,16 +182,6 @@ def test_it_ends_on_ctrl_c_with_a_page_open(files):
         assert process.stderr.read() == ""
 
 
-def test_an_outline_alone_says_what_it_waits_for(tmp_path):
-    (tmp_path / "L.csv").write_text("0,0\n3,0\n3,1\n1,1\n1,2\n0,2\n")
-    with started(tmp_path / "L.csv") as (process, address):
-        port, token = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/\?token=(.+)", address).groups()
-        assert ask(port, f"/file/result.xml?token={token}")[0] == 200
-        process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=30) == 0
-        assert process.stderr.read() == "L.csv is an outline alone: looking for a layout of its own ...\n"
-
-
 def test_nothing_is_written_where_nobody_said(files, tmp_path):
     home = tmp_path / "home"
     home.mkdir()

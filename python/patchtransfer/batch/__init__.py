@@ -164,6 +164,19 @@ def run_batch(
     InputError
         When the source cannot be used, an option is wrong, two targets have the same name, an output would replace an
         input, or the folder cannot be made.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, target, landmarks = pt.examples.load("star")
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> pt.write(source, folder / "source.xml")
+    >>> pt.write(target, folder / "target.xml")
+    >>> rows = pt.batch.run_batch(folder / "source.xml", [folder / "target.xml"], folder / "results")
+    >>> [row.status for row in rows]
+    ['certified']
     """
     options = BatchOptions() if options is None else options
     if workers < 1:

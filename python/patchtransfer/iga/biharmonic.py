@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_array, csc_array, csr_array
 
 from ..errors import InputError
@@ -102,6 +103,15 @@ class BiharmonicResult:
         errors = "" if self.errors is None else f", L2 error {self.errors.l2:.2e}"
         return f"<BiharmonicResult: {self.dofs} unknowns{errors}, residual {self.residual:.1e}>"
 
+    def __call__(self, points: ArrayLike) -> FloatArray:
+        """The solution at points (..., 2) of the plane; NaN outside of the model. See `MultiPatch.locate`."""
+        return self.field.at(*self.multipatch.locate(points))
+
+    @property
+    def components(self) -> tuple[Field, ...]:
+        """The field, for `patchtransfer.write`."""
+        return self.field.components
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         e = self.errors
@@ -170,6 +180,14 @@ def biharmonic(
     -----
     Galerkin's method for ∫ Δu Δv in the C¹ space of :class:`C1Space`. The boundary data are fitted in least squares,
     the normal derivative weighted by the squared mean length of a boundary span.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> plate = pt.parameterize(pt.Boundary.from_points([(0, 0), (1, 0), (1, 1), (0, 1)])).multipatch
+    >>> result = pt.iga.biharmonic(plate, lambda x, y: 1 + 0 * x, degree=4)
+    >>> round(float(result([0.5, 0.5])), 5)  # a clamped square's deflection
+    0.00127
     """
     begin = time.perf_counter()
     highest = max(max(patch.degrees) for patch in mp.patches)
