@@ -58,7 +58,7 @@ def _outwards(points: FloatArray, loops: Sequence[FloatArray]) -> FloatArray:
         away.append(far.min(axis=1))
         directions.append(sign * np.column_stack([along[:, 1], -along[:, 0]]))
     best = np.argmin(away, axis=0)
-    return np.array(directions)[best, np.arange(len(points))]
+    return np.asarray(np.array(directions)[best, np.arange(len(points))])
 
 
 def _area(loop: FloatArray) -> float:
