@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
 import random
 import re
 import shutil
@@ -26,12 +27,12 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals")
 
 
 @contextmanager
-def started(*arguments):
+def started(*arguments, **options):
     # A shell's background jobs, and what they start, ignore Ctrl-C.
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{heed}; from patchtransfer.cli import main; main()"
     command = [sys.executable, "-c", code, "studio", *map(str, arguments), "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options) as process:
         try:
             yield process, process.stdout.readline().strip()
         finally:
@@ -181,6 +182,25 @@ def test_it_ends_on_ctrl_c_with_a_page_open(files):
         assert process.stderr.read() == ""
 
 
+def test_nothing_is_written_where_nobody_said(files, tmp_path):
+    home = tmp_path / "home"
+    home.mkdir()
+    places = {"HOME": str(home), "TMPDIR": str(home), "XDG_CACHE_HOME": str(home), "PYTHONDONTWRITEBYTECODE": "1"}
+    before = {path: path.stat().st_mtime_ns for path in files.rglob("*")}
+    with started(files / "source.xml", files / "target.xml", cwd=home, env={**os.environ, **places}) as (_, address):
+        port, token = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/\?token=(.+)", address).groups()
+        with connected(port, token) as socket:
+            socket.recv()
+            steps = [{"do": "grab", "loop": 0, "curve": 0, "point": 0}, {"do": "drag", "x": 0.1, "y": 0.9}]
+            for message in (*steps, {"do": "drop"}, {"do": "undo"}, {"do": "../../x", "file": "/tmp/x"}):
+                socket.send(json.dumps(message))
+                socket.recv()
+        for name in ("target.xml", "result.xml", "report.html", "report.json", "../x"):
+            ask(port, f"/file/{name}?token={token}")
+        assert list(home.iterdir()) == []
+    assert {path: path.stat().st_mtime_ns for path in files.rglob("*")} == before
+
+
 def test_a_port_that_is_taken_is_an_error(files, studio):
     port, _ = studio
     with started(files / "source.xml", "--port", port) as (process, address):
@@ -265,6 +285,43 @@ class TestInABrowser:
         x, y = self.at(page, added)
         page.mouse.dblclick(x, y)
         added.wait_for(state="detached")
+
+    def test_a_layout_vertex_is_dragged_freed_and_undone(self, page, tmp_path):
+        """The star's centre, where six patches meet."""
+        line = page.locator("#picture-target .iso path").first
+        vertex = page.locator("#picture-target .vertex")
+        before, (x, y) = line.get_attribute("d"), self.at(page, vertex)
+        box = page.locator("#picture-target").bounding_box()
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + 20, y + 14, steps=6)
+        page.locator("#words", has_text="of samples").wait_for()
+        assert page.locator("#verdict.good").text_content() == "certified"
+        # Out of the shape and back.
+        page.mouse.move(box["x"] + 4, box["y"] + 4, steps=6)
+        page.locator("#verdict.bad").wait_for()
+        page.mouse.move(x + 20, y + 14, steps=6)
+        page.locator("#verdict.good").wait_for()
+        page.mouse.up()
+        page.locator("#words", has_text="proved").wait_for()
+        assert self.at(page, vertex) == pytest.approx((x + 20, y + 14), abs=1)
+        after = line.get_attribute("d")
+        assert after != before
+        with page.expect_download() as started_download:
+            page.get_by_role("link", name="result.xml").click()
+        started_download.value.save_as(tmp_path / "result.xml")
+        saved = pt.read(tmp_path / "result.xml")
+        free = pt.transfer(*examples.load("star")).multipatch
+        inner = [v.point for v in saved.topology.vertices if v.interior]
+        shift = (saved.topology.coordinates - free.topology.coordinates)[inner] / free.diameter
+        assert pt.certify(saved).injective
+        assert 0.01 < shift[0, 0] < 0.1
+        page.mouse.dblclick(x + 20, y + 14)
+        page.locator("#picture-target .vertex.moved").wait_for(state="detached")
+        assert line.get_attribute("d") == before
+        page.get_by_role("button", name="undo").click()
+        page.locator("#picture-target .vertex.moved").wait_for(state="attached")
+        assert line.get_attribute("d") == after
 
     def test_files_are_saved_by_the_browser(self, page, tmp_path):
         with page.expect_download() as started_download:

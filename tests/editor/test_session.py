@@ -131,6 +131,124 @@ def test_landmarks_are_on_the_outlines_and_bad_ones_are_told():
     assert session.shown.error is None
 
 
+def on_an_outline():
+    """A session that knows an outline alone, with five inner vertices in twelve patches or so."""
+    return Session.of_outline(examples.load("rabbit")[1])
+
+
+@pytest.fixture(scope="module")
+def outlined():
+    return on_an_outline()
+
+
+def room(session, vertex):
+    """How far a vertex is from the next one and from the outline."""
+    here = np.array(session.vertices[vertex])
+    others = session.shown.model.topology.coordinates[[v.point for v in session.shown.model.topology.vertices]]
+    away = np.hypot(*(others - here).T)
+    return away[away > 0].min()
+
+
+def test_inner_vertices_end_where_they_are_dragged_and_the_map_is_certified(outlined):
+    session, target = outlined, outlined.edited.target
+    angles = np.random.default_rng(5).uniform(0, 2 * np.pi, len(session.vertices))
+    assert len(angles) > 2
+    for vertex, angle in zip(session.vertices, angles, strict=True):
+        before = session.shown.model
+        start, way = np.array(session.vertices[vertex]), 0.5 * room(session, vertex)
+        session.take(vertex)
+        for k in range(1, 6):
+            to = start + k / 5 * way * np.array([np.cos(angle), np.sin(angle)])
+            session.drag((to[0], to[1]))
+            assert session.shown.live
+            assert session.shown.error is None
+            assert session.vertices[vertex] == (to[0], to[1])
+        live = session.shown.model
+        session.drop()
+        result = session.result
+        # What was shown last is what is kept, and no other file says so.
+        assert result.succeeded
+        np.testing.assert_allclose(result.multipatch.topology.coordinates, live.topology.coordinates, atol=1e-7)
+        patch = result.multipatch.patches[vertex.patch].control_points
+        np.testing.assert_array_equal(patch[-(vertex.corner % 2), -(vertex.corner // 2)], to)
+        assert pt.certify(result.multipatch).injective
+        assert result.multipatch.boundary() == before.boundary()
+        assert session.edited.target is target
+        # Rows hold as they did.
+        assert result.rows.to_dict()["residual"] < 1e-12
+        assert result.multipatch != before
+        session.undo()
+        assert session.shown.model == before
+        assert session.vertices[vertex] == tuple(start)
+
+
+def test_several_vertices_are_moved_and_freed():
+    session = on_an_outline()
+    free = session.result.multipatch
+    first, second = list(session.vertices)[:2]
+    for vertex in (second, first):
+        session.take(vertex)
+        to = np.array(session.vertices[vertex]) + 0.3 * room(session, vertex)
+        session.drag((to[0], to[1]))
+        session.drop()
+    places = session.edited.places
+    assert set(places) == {first, second}
+    assert all(session.vertices[vertex] == place for vertex, place in places.items())
+    assert session.result.succeeded
+    # The target's points can be dragged on, and vertices stay where they are.
+    at = session.handles[5]
+    session.grab(at, 0.1)
+    session.drag(tuple(place(session, at) + 0.003 * session.edited.target.diameter))
+    assert session.shown.error is None
+    assert session.vertices[first] == places[first]
+    session.drop()
+    assert session.result.succeeded
+    assert session.vertices[second] == places[second]
+    session.undo()
+    # Freeing both gives the map that there was, bit by bit.
+    session.release(first)
+    session.release(second)
+    assert session.result.multipatch == free
+    with pytest.raises(InputError, match="was not moved"):
+        session.release(first)
+
+
+def test_a_vertex_outside_has_no_map_and_comes_back():
+    session = on_an_outline()
+    vertex = next(iter(session.vertices))
+    home = session.vertices[vertex]
+    outside = control_points(session.edited.target).max(axis=0) + 1
+    session.take(vertex)
+    session.drag(tuple(outside))
+    assert "drag them back" in session.shown.error
+    assert session.shown.places
+    session.drag(home)
+    assert session.shown.error is None
+    session.drag(tuple(outside))
+    session.drop()
+    assert session.result is None
+    assert "drag them back" in session.shown.error
+    session.take(vertex)
+    session.drag(home)
+    session.drop()
+    assert session.result.succeeded
+    assert session.shown.error is None
+
+
+def test_what_a_moved_vertex_gives_does_not_depend_on_the_way():
+    ends = []
+    for steps in (1, 7):
+        session = opened()
+        (vertex,) = session.vertices
+        start = np.array(session.vertices[vertex])
+        session.take(vertex)
+        for k in range(1, steps + 1):
+            session.drag(tuple(start + 0.1 * k / steps * np.array([1.0, 0.4])))
+        session.drop()
+        ends.append(session.result.multipatch.topology.coordinates)
+    np.testing.assert_allclose(*ends, atol=1e-8)
+
+
 def test_an_outline_alone_is_parameterized():
     outline = pt.Boundary.from_points([(0, 0), (3, 0), (3, 1), (1, 1), (1, 2), (0, 2)])
     session = Session.of_outline(outline)
@@ -143,6 +261,10 @@ words = st.sampled_from(
         "grab",
         "drag",
         "drop",
+        "take",
+        "release",
+        "patch",
+        "corner",
         "add",
         "move",
         "remove",
@@ -186,6 +308,9 @@ def test_random_messages_are_refused_or_obeyed(shared, text):
         {"do": "move", "landmark": 99, "on": "source", "x": 0, "y": 0},
         {"do": "move", "landmark": 0, "on": "elsewhere", "x": 0, "y": 0},
         {"do": "remove", "landmark": -1},
+        {"do": "take", "patch": 0, "corner": 9},
+        {"do": "take", "patch": 0, "corner": 0.5},
+        {"do": "release", "patch": 0, "corner": 0},
         {"do": ["undo"]},
         {"do": "__class__"},
     ],

@@ -331,3 +331,44 @@ def test_a_frozen_circle_follows_its_outline_as_a_circle():
     ones = np.ones_like(frozen.boundary)
     length = 2 * np.pi * (1.3 + 0.4)
     assert frozen.inner_product(ones, ones) == pytest.approx(2 * length, rel=1e-8)
+
+
+@pytest.mark.parametrize("continuity", ["c0", "c1"])
+def test_inner_points_that_are_held_stay_where_they_are_put(continuity):
+    """The others have the least distortion with them there: no motion of the rest lowers the energy."""
+    source, target, landmarks = examples.load("rabbit")
+    frozen = pt.transfer(source, target, landmarks, continuity, refine="never").freeze()
+    inner = [v.point for v in source.topology.vertices if v.interior][:3]
+    held, size = frozen.pinned(inner), np.hypot(*np.ptp(frozen.boundary, axis=0))
+    assert held.pins.tolist() == inner
+    assert len(frozen.pins) == 0
+    # Held where they come to lie by themselves they change nothing but rounding.
+    np.testing.assert_allclose(held.fill(held.boundary).points, frozen.points, atol=1e-9 * size)
+    places = frozen.points[inner] + 0.003 * size * np.array([[1, 0], [0, 1], [-1, 0.5]])
+    filled = held.fill(held.boundary, pins=places)
+    np.testing.assert_array_equal(filled.points[inner], places)
+    np.testing.assert_array_equal(filled.points[held.boundary_points], held.boundary)
+    assert filled.certificate.injective
+    assert filled.gradient_norm < 1e-11
+    assert filled.energy > frozen.fill(frozen.boundary).energy
+    # Derivatives by the boundary are those with the points held.
+    d = motions(held.boundary)
+    assert np.abs(filled.jvp(d)[inner]).max() == 0
+    h = 1e-5 * size
+    ends = [held.fill(held.boundary + s * h * d, pins=places, near=filled).points for s in (1, -1)]
+    moved = filled.jvp(d)
+    np.testing.assert_allclose((ends[0] - ends[1]) / (2 * h), moved, atol=1e-5 * np.abs(moved).max())
+
+
+def test_points_that_cannot_be_held():
+    frozen = pt.transfer(*examples.load("star")).freeze()
+    for points in ([int(frozen.boundary_points[0])], [10**6]):
+        with pytest.raises(InputError, match="not inside"):
+            frozen.pinned(points)
+    inner = frozen.source.topology.interior_points
+    with pytest.raises(InputError, match="named twice"):
+        frozen.pinned([int(inner[0])] * 2)
+    with pytest.raises(InputError, match="rows tie"):
+        frozen.pinned(inner)
+    with pytest.raises(InputError, match="1 held points"):
+        frozen.pinned(inner[:1]).fill(frozen.boundary, pins=[[0.0, np.nan]])

@@ -10,7 +10,7 @@ from svg.path import parse_path
 
 import models
 import patchtransfer as pt
-from patchtransfer.web import figure, picture
+from patchtransfer.web import figure, joint_labels, picture
 
 
 def bezier(pieces, t):
@@ -108,3 +108,44 @@ def test_the_worst_places_are_where_they_say():
     for place in places:
         np.testing.assert_allclose(mp.patches[place.patch](place.u, place.v), place.point, atol=1e-12)
     assert places[0].value == pytest.approx(pt.quality(mp, samples=19).scaled_jacobian.min, abs=0.05)
+
+
+@pytest.mark.parametrize("name", pt.examples.EXAMPLES)
+def test_numbers_of_joints_are_whole_and_apart(name):
+    """Beside their joints, inside the picture, and none on another; they were printed on each other and cut off."""
+    result = pt.transfer(*pt.examples.load(name))
+    joints = np.array([np.concatenate(joint) for joint in result.registration.joints])
+    target = pt.Boundary([loop.target.curves for loop in result.registration.loops])
+    own = figure.model_figure(result._source, "source", "source", joints=joints[:, :2])[0]
+    other = figure.boundary_figure(target, "target", "target", joints[:, 2:])
+    for drawn, points in ((own, joints[:, :2]), (other, joints[:, 2:])):
+        assert [mark.text for mark in drawn.joints] == [str(k) for k in range(len(joints))]
+        at = np.array([(mark.x, mark.y) for mark in drawn.joints])
+        # Digits of a font of 1000 units are 640 wide and 900 high.
+        half = np.array([(320 * len(mark.text), 450) for mark in drawn.joints])
+        low, high = at - half, at + half
+        assert (low >= 0).all()
+        assert (high <= [float(size) for size in drawn.view_box.split()[2:]]).all()
+        over = (low[:, None] < high) & (high[:, None] > low)
+        assert over.all(axis=2).sum() == len(joints)
+        in_frame = picture.frame(
+            np.concatenate([picture.curve_lines(loop).pieces.reshape(-1, 2) for loop in target.loops])
+        )
+        if drawn is other:
+            assert np.hypot(*(at - in_frame(points)).T).max() <= 2800
+
+
+def test_numbers_are_outside_of_outlines_and_inside_of_holes():
+    """Of a square frame, at points of its sides' lower quarters: where there is room on both sides."""
+    square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], float)
+    loops = [square, square[::-1] / 2]
+    frame = pt.Boundary([pt.Boundary.from_points(loop).loops[0] for loop in loops])
+    points = np.concatenate([0.75 * loop + 0.25 * np.roll(loop, -1, axis=0) for loop in loops])
+    # A wide frame around: there is no room at the edge of the picture.
+    in_frame = picture.frame(3 * square)
+    outlines = [picture.curve_lines(loop).pieces[:, :3].reshape(-1, 2) for loop in frame.loops]
+    middles = in_frame.inverse(joint_labels.beside(points, outlines, np.empty((0, 2)), in_frame))
+    size = np.abs(middles).max(axis=1)
+    assert (size[:4] > 1.02).all()
+    assert (size[4:] < 0.48).all()
+    assert np.hypot(*(middles - points).T).max() < 0.3

@@ -10,6 +10,7 @@ from typing import Any
 from ..errors import InputError, TransferError
 from .editing import PointAddress
 from .session import Session
+from .vertices import VertexAddress
 from .view import View
 
 __all__ = ["LARGEST_MESSAGE", "answer", "obey"]
@@ -39,8 +40,9 @@ def obey(session: Session, text: str) -> str:
     ----------
     session : Session
     text : str
-        JSON with a key ``do``: "refresh", "grab" (loop, curve, point, reach), "drag" (x, y), "drop", "add" (sx, sy,
-        tx, ty), "move" (landmark, on, x, y), "remove" (landmark), "undo" or "redo".
+        JSON with a key ``do``: "refresh", "grab" (loop, curve, point, reach) or "take" (patch, corner), "drag" (x, y),
+        "drop", "release" (patch, corner), "add" (sx, sy, tx, ty), "move" (landmark, on, x, y), "remove" (landmark),
+        "undo" or "redo".
 
     Returns
     -------
@@ -94,6 +96,10 @@ def _grab(session: Session, message: dict[str, Any]) -> None:
     session.grab(PointAddress(*(_index(message, key) for key in ("loop", "curve", "point"))), reach)
 
 
+def _vertex(message: dict[str, Any]) -> VertexAddress:
+    return VertexAddress(_index(message, "patch"), _index(message, "corner"))
+
+
 def _move(session: Session, message: dict[str, Any]) -> None:
     on = message.get("on")
     if on not in ("source", "target"):
@@ -104,6 +110,8 @@ def _move(session: Session, message: dict[str, Any]) -> None:
 _DOES: dict[str, Callable[[Session, dict[str, Any]], None]] = {
     "refresh": lambda session, _: session.refresh(),
     "grab": _grab,
+    "take": lambda session, message: session.take(_vertex(message)),
+    "release": lambda session, message: session.release(_vertex(message)),
     "drag": lambda session, message: session.drag(_point(message)),
     "drop": lambda session, _: session.drop(),
     "add": lambda session, message: session.add_landmark(_point(message, "sx", "sy"), _point(message, "tx", "ty")),

@@ -22,6 +22,7 @@ from ..pipeline.result import TransferResult, failure_of
 from ..proof.certificate import Certificate, check_boundary
 from ..sources.auto_layout import parameterize
 from .editing import PointAddress, addresses, check_address, control_points, pulled
+from .vertices import Base, VertexAddress, inner_vertices, no_place, with_vertices
 
 __all__ = ["Drag", "Edited", "Landmark", "Session", "Shown"]
 
@@ -41,10 +42,23 @@ class Landmark(NamedTuple):
 
 
 class Edited(NamedTuple):
-    """What can be undone: the target and the landmarks."""
+    """What can be undone: the target, the landmarks and the inner layout vertices that were moved, in a fixed order."""
 
     target: Boundary
     landmarks: tuple[Landmark, ...]
+    vertices: tuple[tuple[VertexAddress, Point], ...] = ()
+
+    @property
+    def places(self) -> dict[VertexAddress, Point]:
+        """Where the vertices were moved to."""
+        return dict(self.vertices)
+
+    def with_vertex(self, vertex: VertexAddress, to: Point | None) -> Edited:
+        """The same with a vertex at another place, or where it comes to lie by itself."""
+        places = {known: place for known, place in self.vertices if known != vertex}
+        if to is not None:
+            places[vertex] = to
+        return self._replace(vertices=tuple(sorted(places.items())))
 
 
 class Shown(NamedTuple):
@@ -72,10 +86,14 @@ class Shown(NamedTuple):
 
 
 class Drag(NamedTuple):
-    """A control point that is held: the target when it was grabbed, and the map that follows, if there is one."""
+    """What is held: what was there when it was grabbed, and the map that follows, if there is one.
 
-    at: PointAddress
-    before: Boundary
+    A control point of the target with the part of the loop that it draws along, or a layout vertex, which has no
+    outline to follow.
+    """
+
+    at: PointAddress | VertexAddress
+    before: Edited
     reach: float
     frozen: Frozen | None
     outline: OutlineMap | None
@@ -117,6 +135,7 @@ class Session:
         self._future: list[Edited] = []
         self._drag: Drag | None = None
         self._near: Filled | None = None
+        self._base: tuple[Boundary, tuple[Landmark, ...], Base] | None = None
         self._source_outlines = [Outline(loop) for loop in source.boundary().loops]
         self.result: TransferResult | None = None
         self.shown = Shown(None, None, None, [], 0.0, False)
@@ -154,11 +173,13 @@ class Session:
     def refresh(self) -> None:
         """The result of what is edited."""
         begin = time.perf_counter()
-        target = self.edited.target
+        target, near = self.edited.target, self._near
+        self._near = None
         try:
-            result = self._plan.transfer(
-                target, self.landmark_rows, **{"time_limit": TIME_LIMIT, **self._options, "on_failure": "return"}
-            )
+            base = self._transferred()
+            result = base.result
+            if self.edited.vertices and result.succeeded:
+                result, self._near = with_vertices(base, self.edited.places, near)
         except TransferError as error:
             self.result = None
             self._show_none(str(error), target, begin)
@@ -187,35 +208,76 @@ class Session:
         frozen = outline = None
         if self.result is not None and self.result.succeeded:
             try:
-                frozen = self.result.freeze()
+                base = self._transferred()
+                frozen = base.held(list(self.edited.places)) if self.edited.vertices else base.frozen
                 outline = frozen.outline(self.edited.target)
             except TransferError:
                 # Degenerate maps may have no derivative: such drags are transferred step by step.
                 frozen = outline = None
-        self._near = None
-        self._drag = Drag(at, self.edited.target, reach, frozen, outline)
+        self._drag = Drag(at, self.edited, reach, frozen, outline)
+
+    def take(self, vertex: VertexAddress) -> None:
+        """Take hold of an inner layout vertex of the result.
+
+        Raises
+        ------
+        InputError
+            When there is no such vertex, or it cannot be moved.
+        TransferError
+            When there is no certified map to start from.
+        """
+        base = self._transferred()
+        if not base.result.succeeded:
+            raise InputError("there is no certified map whose vertices could be moved; mend target or landmarks first")
+        frozen = base.held(list(self.edited.with_vertex(vertex, (0.0, 0.0)).places))
+        self._drag = Drag(vertex, self.edited, 0.0, frozen, None)
+
+    def release(self, vertex: VertexAddress) -> None:
+        """Let a vertex that was moved go where the distortion is least."""
+        if vertex not in self.edited.places:
+            raise InputError(f"the layout vertex {vertex} was not moved")
+        self._change(self.edited.with_vertex(vertex, None))
+
+    @property
+    def vertices(self) -> dict[VertexAddress, Point]:
+        """Inner layout vertices of what is shown, and where they are."""
+        model = self.shown.model
+        if model is None:
+            return {}
+        points = model.topology.coordinates
+        found = {vertex: (float(points[k, 0]), float(points[k, 1])) for vertex, k in inner_vertices(model).items()}
+        return found | {vertex: place for vertex, place in self.edited.vertices if vertex in found}
 
     def drag(self, to: Point) -> None:
-        """Move the point that is held; what is shown follows under held rows."""
+        """Move what is held; what is shown follows under held rows."""
         if self._drag is None:
             raise InputError("no point is held; grab one first")
         begin = time.perf_counter()
         held = self._drag
-        target = pulled(held.before, held.at, to, held.reach)
-        self.edited = self.edited._replace(target=target)
-        if held.frozen is None or held.outline is None:
+        if isinstance(held.at, VertexAddress):
+            self.edited = self.edited.with_vertex(held.at, to)
+        else:
+            self.edited = self.edited._replace(target=pulled(held.before.target, held.at, to, held.reach))
+        target = self.edited.target
+        if held.frozen is None:
             self.refresh()
             return
+        boundary = held.frozen.boundary if held.outline is None else held.outline(control_points(target))
+        pins = np.array(list(self.edited.places.values())).reshape(-1, 2)
         try:
-            filled = held.frozen.fill(held.outline(control_points(target)), near=self._near)
+            filled = held.frozen.fill(boundary, near=self._near, pins=pins)
         except InfeasibleTargetError as error:
             self._show_none(str(error).removeprefix("fill: "), target, begin)
             return
-        self._near = filled if filled.certificate.injective else None
         certificate = filled.certificate
+        if not certificate.injective and self.edited.vertices:
+            # Patches may be turned over, which is no picture of anything: the last map stays.
+            self._show_none(no_place(certificate), target, begin)
+            return
+        self._near = filled if certificate.injective else None
         why = None if certificate.injective else "; ".join(certificate.reasons[:2])
         places = _failing(filled.multipatch, certificate)
-        missed, where = _farthest(filled.multipatch.boundary(), target)
+        missed, where = _farthest(filled.multipatch.boundary(), target) if held.outline is not None else (0.0, to)
         off = missed / target.diameter
         if why is None and off > MISSED * self._fit_tolerance:
             # A proof of another shape is none of this one.
@@ -227,17 +289,22 @@ class Session:
         """Let go of the point: the result of the target as it is now, which can be undone."""
         if self._drag is None:
             return
-        before, self._drag, self._near = self._drag.before, None, None
-        self._remember(self.edited._replace(target=before))
+        held, self._drag = self._drag, None
+        if not isinstance(held.at, VertexAddress):
+            # What follows is another transfer's map.
+            self._near = None
+        if self.edited != held.before:
+            self._remember(held.before)
         self.refresh()
 
     def edit(self, target: Boundary, landmarks: FloatArray | None) -> None:
         """Put another target and other landmarks, rows (xs, ys, xt, yt), in place; a point that is held is let go."""
         if self._drag is not None:
             # What can be undone is the target before it was dragged.
-            self.edited = self.edited._replace(target=self._drag.before)
-            self._drag = None
-        self._change(Edited(target, _pairs(landmarks)))
+            self.edited, self._drag = self._drag.before, None
+        # Vertices were moved on the target that there was.
+        vertices = self.edited.vertices if target == self.edited.target else ()
+        self._change(Edited(target, _pairs(landmarks), vertices))
 
     def add_landmark(self, source: Point, target: Point) -> None:
         """Add a pair of points, each moved to the boundary."""
@@ -271,7 +338,16 @@ class Session:
         """Whether there is something to undo, and to redo."""
         return bool(self._past), bool(self._future)
 
+    def _transferred(self) -> Base:
+        """The transfer of target and landmarks as they are now, the last one kept."""
+        key = self.edited.target, self.edited.landmarks
+        if self._base is None or self._base[:2] != key:
+            options = {"time_limit": TIME_LIMIT, **self._options, "on_failure": "return"}
+            self._base = *key, Base(self._plan.transfer(key[0], self.landmark_rows, **options))
+        return self._base[2]
+
     def _change(self, edited: Edited) -> None:
+        self._near = None
         before, self.edited = self.edited, edited
         self._remember(before)
         self.refresh()
@@ -281,7 +357,7 @@ class Session:
         self._future = []
 
     def _travel(self, there: list[Edited], back: list[Edited]) -> None:
-        self._drag = None
+        self._drag = self._near = None
         if there:
             back.append(self.edited)
             self.edited = there.pop()
@@ -300,7 +376,17 @@ class Session:
 
     def _show_none(self, error: str, target: Boundary, begin: float) -> None:
         seconds = time.perf_counter() - begin
-        self.shown = Shown(self.shown.model, None, error, _meetings(target), seconds, self._drag is not None)
+        model = self.shown.model
+        # Vertices that are not where the last map has them.
+        there = {} if model is None else inner_vertices(model)
+        astray = [
+            place
+            for vertex, place in self.edited.vertices
+            if model is None
+            or vertex not in there
+            or tuple(model.topology.coordinates[there[vertex]].tolist()) != place
+        ]
+        self.shown = Shown(model, None, error, [*_meetings(target), *astray], seconds, self._drag is not None)
 
 
 def _pairs(landmarks: FloatArray | None) -> tuple[Landmark, ...]:

@@ -67,6 +67,10 @@ class View:
                 [*self._units(self.source_frame, pair.source), *self._units(self.target_frame, pair.target)]
                 for pair in session.edited.landmarks
             ],
+            "vertices": [
+                [*vertex, *self._units(self.target_frame, place), int(vertex in session.edited.places)]
+                for vertex, place in session.vertices.items()
+            ],
             "places": [self._units(self.target_frame, place) for place in shown.places],
             "status": "no map" if shown.certificate is None else shown.certificate.status,
             "ok": shown.error is None,

@@ -8,6 +8,7 @@ leave a minimisation whose minimum depends smoothly on the boundary. See ``docs/
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +34,8 @@ __all__ = ["Frozen", "freeze"]
 CORRECTIONS = 4
 #: Newton steps from the frozen map, few of which are needed where it is near, and from the harmonic map.
 STEPS, MORE_STEPS = 60, 200
+#: With points that are held: who moves them by hand takes small steps, which need ten at most, and waits for no others.
+PINNED_STEPS = 25
 
 
 class Frozen:
@@ -49,6 +52,8 @@ class Frozen:
         The certified map that was frozen.
     boundary_points : (n_b,) int array
         Which of them are on the boundary: ``source.topology.boundary_points``.
+    excluded : tuple of (patch, corner)
+        Corners left out of the energy because the target is straight there.
     """
 
     def __init__(
@@ -58,6 +63,7 @@ class Frozen:
         straight: Sequence[tuple[int, int]],
     ) -> None:
         self._problem, self.points = problem, points
+        self._unpinned, self.excluded = problem, tuple(straight)
         self.source, self.boundary_points = problem.source, problem.boundary_points
         self._triangles = corner_triangles(self.source.topology, straight)
         on = self.boundary
@@ -76,7 +82,34 @@ class Frozen:
         """Boundary points (n_b, 2) of the map that was frozen."""
         return np.asarray(self.points[self.boundary_points])
 
-    def fill(self, boundary_points: ArrayLike, *, near: Filled | None = None) -> Filled:
+    @property
+    def pins(self) -> IntArray:
+        """Inner points that are held like those of the boundary; none unless it comes from `pinned`."""
+        return self._problem.pins
+
+    def pinned(self, pins: ArrayLike) -> Frozen:
+        """The same map with inner points that are held, so that `fill` can move them.
+
+        Parameters
+        ----------
+        pins : (n_p,) int array
+            Numbers of shared points, as those of ``source.topology.vertices``.
+
+        Returns
+        -------
+        Frozen
+            These points are held, and none that were held before.
+
+        Raises
+        ------
+        InputError
+            When a point is not inside, or continuity rows leave it no freedom.
+        """
+        other = copy(self)
+        other._problem = self._unpinned.pinned(np.asarray(pins, np.int64).reshape(-1), self.points)
+        return other
+
+    def fill(self, boundary_points: ArrayLike, *, near: Filled | None = None, pins: ArrayLike | None = None) -> Filled:
         """The map of least distortion with this boundary.
 
         Parameters
@@ -86,6 +119,9 @@ class Frozen:
         near : Filled, optional
             A map to start from, the last one of a line search, say: it saves steps where the boundary is far from the
             frozen one. The result depends on it by rounding. Default the map that was frozen.
+        pins : (n_p, 2) array, optional
+            Where the points that are held go, in the order of `Frozen.pins`; by default they stay. Moved ones are
+            followed for a few steps only: go far in several, each `near` the last.
 
         Returns
         -------
@@ -100,13 +136,16 @@ class Frozen:
             When the boundary encloses no area, or no map without folds was found and the boundary rules one out.
         """
         given = self._given(boundary_points, "fill")
+        held = self.points[self.pins] if pins is None else np.asarray(pins, float)
+        if held.shape != (len(self.pins), 2) or not np.isfinite(held).all():
+            raise InputError(f"fill: expected finite places of {len(self.pins)} held points, got shape {held.shape}")
         boundary = given - self._centre
         area = self._problem.area(boundary)
         if not area > 0:
             raise InfeasibleTargetError("fill: the boundary points enclose no area; step back")
         scale = self._problem.scale(area)
         optimizer, weight = self._problem.optimizer(), self._problem.measure.area_weight
-        for start, steps in self._starts(optimizer, boundary, near):
+        for start, steps in self._starts(optimizer, boundary, held - self._centre, near):
             found = optimizer.minimise(start, weight, steps, scale=scale)
             if found.min_determinant > 0:
                 break
@@ -121,6 +160,7 @@ class Frozen:
         points = moved + self._centre
         # To the bit, but for straight corners on the right side of straight.
         points[self.boundary_points] = self._straight(given)
+        points[self.pins] = held
         filled = Filled(self._problem, points, moved, linearised, scale, energy, residual * self._diameter)
         if linearised is not None:
             self._problem.keep_for(filled)
@@ -163,13 +203,17 @@ class Frozen:
         return given
 
     def _starts(
-        self, optimizer: SplineOptimizer, boundary: FloatArray, near: Filled | None
+        self, optimizer: SplineOptimizer, boundary: FloatArray, held: FloatArray, near: Filled | None
     ) -> Iterator[tuple[FloatArray, int]]:
         """Maps to start from, with steps to make: a known one moved harmonically, then the harmonic one."""
         known = self.points - self._centre if near is None else near._moved
-        shift = self._problem.lift((boundary - known[self.boundary_points])[None])[0]
+        shift = self._problem.lift((boundary - known[self.boundary_points])[None], held - known[self.pins])[0]
         moved = known + optimizer.harmonic(shift)
         moved[self.boundary_points] = boundary
+        moved[self.pins] = held
+        if len(self.pins):
+            yield moved, PINNED_STEPS
+            return
         yield moved, STEPS
         yield optimizer.harmonic(self._problem.lift(boundary[None])[0]), MORE_STEPS
 

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Collection
+from copy import copy
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..continuity.null_space import RowSpace
-from ..errors import TransferError
+from ..continuity.null_space import RowSpace, row_space
+from ..errors import InputError, TransferError
 from ..geometry.areas import enclosed_areas, sides_around
 from ..interior.optimizer import Measure, SplineOptimizer, degenerate_corners
 from ..interior.solver import InteriorSolver
-from ..numeric.arrays import FloatArray
+from ..numeric.arrays import FloatArray, IntArray
+from ..numeric.compressed import Compressed
 from .boundary_area import BoundaryArea, patch_area
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 __all__ = ["Problem"]
 
@@ -43,6 +49,8 @@ class Problem:
     source : MultiPatch
     boundary_points : (n_b,) int array
         ``source.topology.boundary_points``.
+    pins : (n_p,) int array
+        Inner points that are given like those of the boundary; see `pinned`.
     area : BoundaryArea
     n_rows : int
         Continuity rows.
@@ -57,8 +65,12 @@ class Problem:
         reference = solver.reference or self.source.patches
         self._reference = reference
         #: Points that the rows may move, the matrix from all points to them, and the basis of their displacements.
-        self._rows = None if space is None else (space.interior, space.particular, space.columns)
+        self._rows: tuple[IntArray, csr_array | None, Compressed] | None = None
+        if space is not None:
+            self._rows = space.interior, space.particular, space.columns
+        self._active = None if space is None else space.rows
         self.n_rows = 0 if space is None else len(space.rows)
+        self.pins: IntArray = np.empty(0, np.int64)
         self._excluded = sorted({*excluded, *degenerate_corners(reference)})
         if self.source.is_rational:
             areas = np.array([patch_area(patch) for patch in reference])
@@ -82,12 +94,46 @@ class Problem:
         """
         return float(np.sqrt(self._reference_area / area))
 
-    def lift(self, motions: FloatArray) -> FloatArray:
-        """Motions (k, n_points, 2) under the rows that begin with those of the boundary (k, n_b, 2)."""
+    def pinned(self, pins: IntArray, points: FloatArray) -> Problem:
+        """The same problem, which has no pins yet, with inner points given, where the rows leave each of them free.
+
+        Raises
+        ------
+        InputError
+            When a point is not inside, or rows tie the points to each other or to the boundary.
+        """
+        inside = self.source.topology.interior_points
+        if not set(pins.tolist()) <= set(inside.tolist()) or len(set(pins.tolist())) < len(pins):
+            raise InputError("points that are to be held are not inside, or named twice")
+        held = np.zeros(self.source.topology.n_points, bool)
+        held[pins] = True
+        free = ~held[inside]
+        places, other = np.flatnonzero(free), copy(self)
+        other.pins = pins
+        if self._rows is None or self._active is None:
+            # Every other point is free: a column with a one for each.
+            n = len(places)
+            other._rows = inside[free], None, Compressed(np.arange(n + 1), places, np.ones(n), (len(inside), n))
+            return other
+        space = row_space(self._active, inside[free], points)
+        z = space.columns
+        if z.shape[1] != self._rows[2].shape[1] - len(pins) or space.contradictory:
+            raise InputError("the continuity rows tie these points to others that are given: they cannot be held")
+        columns = Compressed(z.indptr, places[z.indices], z.data, (len(inside), z.shape[1]))
+        other._rows = space.interior, space.particular, columns
+        return other
+
+    def lift(self, motions: FloatArray, pins: FloatArray | None = None) -> FloatArray:
+        """Motions (k, n_points, 2) under the rows that begin with those of the boundary (k, n_b, 2).
+
+        Held points move by `pins` (n_p, 2), by default not at all.
+        """
         out = np.zeros((len(motions), self.source.topology.n_points, 2))
         out[:, self.boundary_points] = motions
-        if self._rows is not None:
-            interior, particular, _ = self._rows
+        if pins is not None:
+            out[:, self.pins] = pins
+        interior, particular, _ = self._rows or (None, None, None)
+        if particular is not None:
             for field in out:
                 field[interior] = particular @ field
         return out
@@ -95,8 +141,8 @@ class Problem:
     def drop(self, forces: FloatArray) -> FloatArray:
         """The transpose of `lift`."""
         out = np.array(forces[:, self.boundary_points])
-        if self._rows is not None:
-            interior, particular, _ = self._rows
+        interior, particular, _ = self._rows or (None, None, None)
+        if particular is not None:
             for k, force in enumerate(forces):
                 out[k] += (particular.T @ force[interior])[self.boundary_points]
         return out

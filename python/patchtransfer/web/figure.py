@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ from ..geometry.boundary import Boundary
 from ..geometry.multipatch import MultiPatch
 from ..numeric.arrays import FloatArray
 from ..plot.palette import colours_of_patches
+from .joint_labels import beside
 from .picture import (
     Frame,
     Sampled,
@@ -31,6 +33,8 @@ __all__ = ["Figure", "Mark", "Place", "boundary_figure", "layers", "model_figure
 
 #: Places named as the worst of a picture.
 WORST = 5
+#: Bernstein polynomials of degree 3 at places along a piece, its end left to the next one.
+_ALONG = np.array([[(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3] for t in np.arange(8) / 8])
 
 
 class Mark(NamedTuple):
@@ -116,7 +120,7 @@ def model_figure(
         net=control_net(mp, in_frame) if extras else "",
         points=dots(mp.topology.coordinates, in_frame) if extras else "",
         numbers=_marks(np.array(middles), in_frame, "patch") if extras else [],
-        joints=_joints(joints, in_frame),
+        joints=_joints(joints, matches, mp.boundary, in_frame),
         matches=_matches(matches, in_frame),
         worst=[
             Mark(f"worst-{k + 1}", *_at(in_frame, place.point), f"scaled Jacobian {place.value:.3g}")
@@ -153,7 +157,7 @@ def boundary_figure(
         f"{title}: {many}{curves} curves",
         in_frame.view_box,
         loops(boundary, in_frame),
-        joints=_joints(joints, in_frame),
+        joints=_joints(joints, matches, lambda: boundary, in_frame),
         matches=_matches(matches, in_frame),
     )
 
@@ -189,8 +193,18 @@ def _marks(points: FloatArray, in_frame: Frame, kind: str) -> list[Mark]:
     return [Mark(f"{kind}-{k}", *_at(in_frame, point), str(k)) for k, point in enumerate(points)]
 
 
-def _joints(points: FloatArray | None, in_frame: Frame) -> list[Mark]:
-    return [] if points is None else _marks(points, in_frame, "joint")
+def _joints(
+    points: FloatArray | None, matches: FloatArray | None, boundary: Callable[[], Boundary], in_frame: Frame
+) -> list[Mark]:
+    """The joints' numbers where there is room for them."""
+    if points is None or not len(points):
+        return []
+    outlines = [curve_lines(loop).pieces for loop in boundary().loops]
+    # Points of the Bézier pieces, not of their control polygons.
+    sampled_loops = [np.einsum("kb,nbd->nkd", _ALONG, pieces).reshape(-1, 2) for pieces in outlines]
+    marks = np.empty((0, 2)) if matches is None else matches
+    middles = beside(points, sampled_loops, marks, in_frame).astype(int).tolist()
+    return [Mark(f"joint-{k}", x, y, str(k)) for k, (x, y) in enumerate(middles)]
 
 
 def _matches(points: FloatArray | None, in_frame: Frame) -> list[Mark]:

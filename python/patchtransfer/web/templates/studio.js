@@ -19,7 +19,7 @@ function studio(root, keys, send) {
 
   for (const [name, svg] of Object.entries(pictures)) {
     layers[name] = {};
-    for (const layer of ["patches", "iso", "interfaces", "outline", "special", "target", "handles", "pairs", "places"])
+    for (const layer of ["patches", "iso", "interfaces", "outline", "special", "target", "vertices", "handles", "pairs", "places"])
       layers[name][layer] = element("g", svg, { class: layer });
   }
 
@@ -55,6 +55,11 @@ function studio(root, keys, send) {
   }
 
   function show(next) {
+    // The next map is made while this one is drawn. What was changed elsewhere is shown, too, and answers nothing.
+    if (next.done !== undefined || next.refused !== undefined) {
+      waiting = false;
+      sendNext();
+    }
     state = next;
     for (const [name, frame] of [["source", next.source_frame], ["target", next.frame]]) {
       frames[name] = frame;
@@ -68,6 +73,9 @@ function studio(root, keys, send) {
     const held = grip?.handle;
     paths(layers.target.handles, next.handles.map(([loop, curve, point, x, y]) => [
       `${point ? "" : "joint"}${held && held.join() === [loop, curve, point].join() ? " held" : ""}`, `M${x} ${y}h0`]), "handle");
+    const taken = grip?.vertex;
+    paths(layers.target.vertices, next.vertices.map(([patch, corner, x, y, moved]) => [
+      `${moved ? "moved" : ""}${taken && taken.join() === [patch, corner].join() ? " held" : ""}`, `M${x} ${y}h0`]), "vertex");
     drawPairs("source", 0);
     drawPairs("target", 2);
     paths(layers.target.places, next.places.map(([x, y]) => ["", `M${x} ${y}h0`]), "place");
@@ -80,10 +88,6 @@ function studio(root, keys, send) {
     $("redo").disabled = !next.redo;
     $("refused").hidden = !next.refused;
     $("refused").textContent = next.refused ?? "";
-    // What was changed elsewhere is shown, too, and answers nothing.
-    if (next.done === undefined && next.refused === undefined) return;
-    waiting = false;
-    sendNext();
   }
 
   function end(why) {
@@ -111,7 +115,7 @@ function studio(root, keys, send) {
 
   // --- what the pointer does
 
-  let grip = null; // { handle } or { landmark, on }
+  let grip = null; // { handle }, { vertex } or { landmark, on }
   let first = null; // the source's point of a pair that is being added
 
   function place(name, event) {
@@ -145,6 +149,9 @@ function studio(root, keys, send) {
         const [loop, curve, point] = state.handles[[...mark.parentNode.children].indexOf(mark)];
         grip = { handle: [loop, curve, point] };
         say({ do: "grab", loop, curve, point, reach: Number($("reach").value) });
+      } else if (mark.classList.contains("vertex")) {
+        const [patch, corner] = state.vertices[[...mark.parentNode.children].indexOf(mark)];
+        grip = { vertex: [patch, corner], x: event.clientX, y: event.clientY };
       } else if (mark.classList.contains("pair")) {
         grip = { landmark: Number(mark.dataset.landmark), on: name, x: event.clientX, y: event.clientY };
       } else return;
@@ -153,11 +160,19 @@ function studio(root, keys, send) {
       keys.focus?.({ preventScroll: true });
     });
     svg.addEventListener("pointermove", (event) => {
-      if (grip?.handle && name === "target") say({ do: "drag", ...place(name, event) });
+      if (name !== "target") return;
+      if (grip?.handle) say({ do: "drag", ...place(name, event) });
+      if (!grip?.vertex) return;
+      // A click, or the first of a double click, moves nothing.
+      if (!grip.moved && Math.hypot(event.clientX - grip.x, event.clientY - grip.y) <= 3) return;
+      const [patch, corner] = grip.vertex;
+      if (!grip.moved) say({ do: "take", patch, corner });
+      grip.moved = true;
+      say({ do: "drag", ...place(name, event) });
     });
     for (const end of ["pointerup", "pointercancel"])
       svg.addEventListener(end, (event) => {
-        if (grip?.handle) say({ do: "drop" });
+        if (grip?.handle || grip?.moved) say({ do: "drop" });
         // A click is no move.
         const far = grip?.landmark !== undefined && Math.hypot(event.clientX - grip.x, event.clientY - grip.y) > 3;
         if (far && end === "pointerup")
@@ -168,6 +183,10 @@ function studio(root, keys, send) {
       // The pointer was captured, so that the event names the whole picture.
       const mark = root.elementFromPoint(event.clientX, event.clientY);
       if (mark?.classList.contains("pair")) say({ do: "remove", landmark: Number(mark.dataset.landmark) });
+      if (mark?.classList.contains("vertex")) {
+        const [patch, corner, , , moved] = state.vertices[[...mark.parentNode.children].indexOf(mark)];
+        if (moved) say({ do: "release", patch, corner });
+      }
     });
   }
 
