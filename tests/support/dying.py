@@ -66,7 +66,7 @@ def case(folder: Path, places) -> tuple[Path, list[Path]]:
     pt.write(mp, folder / "source.xml")
     files = []
     for k, x in enumerate(places):
-        bend = targets.bend(mp, 10.0 + k)
+        bend = targets.bend(mp, 10.0 + k % 20)
         target, _ = targets.deformed(mp, lambda points, bend=bend, x=x: bend(points) + np.array([x, 0.0]))
         files.append(folder / f"t{k:02}.xml")
         pt.write(target, files[-1])

@@ -41,14 +41,14 @@ def connected(scheduler: str | Client) -> Iterator[Client]:
     """
     distributed = library("distributed", user="a scheduler")
     if not isinstance(scheduler, str):
-        _check(distributed, scheduler, "the scheduler")
+        _check(scheduler, "the scheduler")
         yield scheduler
         return
     name = f"the scheduler {scheduler}"
     _ask(distributed, scheduler, name)
     client = distributed.Client(scheduler, timeout=ANSWER, set_as_default=False)
     try:
-        _check(distributed, client, name)
+        _check(client, name)
         yield client
     finally:
         client.close(timeout=ANSWER)
@@ -62,7 +62,8 @@ def _ask(distributed: Any, address: str, name: str) -> None:
 
     async def ask() -> Any:
         arguments = distributed.Security().get_connection_args("client")
-        comm = await distributed.core.connect(address, timeout=ANSWER, **arguments)
+        # A second less than all this may take, so that the reason is told.
+        comm = await distributed.core.connect(address, timeout=ANSWER - 1, **arguments)
         try:
             await comm.write({"op": "identity", "reply": True})
             return (await comm.read())["type"]
@@ -82,7 +83,7 @@ def _ask(distributed: Any, address: str, name: str) -> None:
         told = "what listens there is something else"
     except (OSError, ValueError, TypeError, LookupError) as error:
         # What is no scheduler can answer anything.
-        told = str(error) or type(error).__name__
+        told = str(error.__cause__ or error) or type(error).__name__
     else:
         if kind == "Scheduler":
             return
@@ -90,10 +91,10 @@ def _ask(distributed: Any, address: str, name: str) -> None:
     raise InputError(f"{name} does not answer ({told}); give what `dask scheduler` prints, as tcp://HOST:8786")
 
 
-def _check(distributed: Any, client: Any, name: str) -> None:
+def _check(client: Any, name: str) -> None:
     try:
         client.wait_for_workers(1, timeout=FIRST_WORKER)
-    except (TimeoutError, distributed.TimeoutError):
+    except TimeoutError:
         raise InputError(f"{name}: no worker after {FIRST_WORKER:g} s; start some, as with `dask worker`") from None
     for address, had in client.get_versions(packages=["patchtransfer"])["workers"].items():
         version = had["packages"].get("patchtransfer")
@@ -146,10 +147,12 @@ class Cluster(Crew):
         self._count()
 
     def renew(self, error: BaseException, lost: list[Any]) -> None:
-        """Send the plan again if it was lost with all workers that had it."""
-        self._count()
-        if not self._client.who_has([self._sent]).get(self._sent.key):
-            self._scatter()
+        """Wait for a worker, and send the plan again: it may be lost with all workers that had it."""
+        try:
+            self._client.wait_for_workers(1, timeout=NOBODY)
+        except TimeoutError:
+            raise TransferError(f"no worker is left for {NOBODY:g} s; {KEPT}") from error
+        self._scatter()
 
 
 KEPT = "finished targets are kept, run the same batch again to resume"
