@@ -1,6 +1,6 @@
 """Thousands of targets through one plan: ``python batch_scale.py [-n 1000] [--workers 2] [--dask] [--continuity c0]``.
 
-The bundled wrench to its own bent boundaries, a file each, by a batch with processes or, with ``--dask``, with a Dask
+The bundled wrench to its own bent boundaries with landmarks, files, by a batch with processes or, with ``--dask``, a Dask
 cluster of this machine. Told are the resident memory of this process and of the largest worker as the batch goes on,
 the growth by a target over the second half (and what that makes of 10,000, if fewer were done), and what a batch costs
 beside the plan's own work: processor time of all processes from start to end, by target, over that of `plan.transfer`
@@ -79,7 +79,11 @@ def main() -> None:
         files = []
         for k, angle in enumerate(np.linspace(0.2, 1.2, options.n)):
             files.append(folder / f"t{k:05}.xml")
-            pt.write(bent_boundary(source, float(angle))[0], files[-1])
+            target, landmarks = bent_boundary(source, float(angle))
+            pt.write(target, files[-1])
+            np.savetxt(
+                files[-1].with_suffix(".landmarks.csv"), landmarks, delimiter=",", header="xs,ys,xt,yt", comments=""
+            )
         own = own_seconds(source, files, options.continuity)
         how: dict[str, object] = {"continuity": options.continuity}
         if options.dask:
@@ -95,7 +99,8 @@ def own_seconds(source: pt.MultiPatch, files: list[Path], continuity: str) -> fl
     """Processor time of the plan alone, by a target."""
     _core.set_threads(1)
     plan = pt.TransferPlan(source, continuity)
-    targets = [pt.read_boundary(file) for file in files[:: max(len(files) // SAMPLE, 1)]]
+    chosen = files[:: max(len(files) // SAMPLE, 1)]
+    targets = [(pt.read_boundary(file), pt.read_landmarks(file.with_suffix(".landmarks.csv"))) for file in chosen]
     list(plan.map(targets[:3]))
     begin = time.process_time()
     list(plan.map(targets))

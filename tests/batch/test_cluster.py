@@ -158,6 +158,33 @@ def test_a_cluster_without_workers(tmp_path, monkeypatch):
 
 
 @posix
+def test_a_scheduler_that_dies_ends_the_batch_with_what_is_done_kept(tmp_path):
+    source, files = dying.case(tmp_path, [0] * 40)
+    address, first = f"tcp://127.0.0.1:{free_port()}", tmp_path / "out" / "t00.xml"
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--host", "127.0.0.1"]
+    process = subprocess.Popen([*command, "--port", address.rpartition(":")[2]], stderr=subprocess.DEVNULL)
+
+    def kill():
+        while not first.exists():
+            time.sleep(0.05)
+        process.kill()
+
+    try:
+        with distributed.Client(address, timeout=60, set_as_default=False):
+            pass
+        worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny"]
+        with subprocess.Popen([*worker, "--no-dashboard"], stderr=subprocess.DEVNULL) as there:
+            threading.Thread(target=kill, daemon=True).start()
+            with pytest.raises(TransferError, match=r"scheduler is gone.*kept"):
+                run_batch(source, files, tmp_path / "out", scheduler=address)
+            there.kill()
+    finally:
+        process.kill()
+        process.wait()
+    assert first.exists()
+
+
+@posix
 def test_ctrl_c_ends_the_command_and_keeps_what_is_done(tmp_path, address):
     source, files = dying.case(tmp_path, [0] * 60)
     out = tmp_path / "out"

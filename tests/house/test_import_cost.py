@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-HEAVY = ("matplotlib", "scipy.interpolate", "scipy.optimize", "scipy.special", "scipy.spatial")
+HEAVY = ("dask", "distributed", "matplotlib", "scipy.interpolate", "scipy.optimize", "scipy.special", "scipy.spatial")
 
 
 def loaded_after(code: str) -> set[str]:

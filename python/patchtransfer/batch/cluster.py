@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import time
 from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, CancelledError, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 from .._core import __version__
 from ..errors import InputError, TransferError
 from ..libraries import library
-from .executors import Crew
-from .worker import Sent
+from .executors import Crew, Deaths
+from .targets import BatchRow, Job
+from .worker import Died, Sent
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -26,6 +28,7 @@ __all__ = ["Cluster", "connected"]
 ANSWER, FIRST_WORKER = 5.0, 10.0
 #: Seconds without any worker after which nobody is waited for: Dask's nannies start a new process in less.
 NOBODY = 30.0
+KEPT = "finished targets are kept, run the same batch again to resume"
 #: Seconds for which the number of workers is taken to be the same.
 SAME = 2.0
 
@@ -46,12 +49,16 @@ def connected(scheduler: str | Client) -> Iterator[Client]:
         return
     name = f"the scheduler {scheduler}"
     _ask(distributed, scheduler, name)
-    client = distributed.Client(scheduler, timeout=ANSWER, set_as_default=False)
+    # What is wrong is said by errors.
+    log = logging.getLogger("distributed.client")
+    level, client = log.level, distributed.Client(scheduler, timeout=ANSWER, set_as_default=False)
+    log.setLevel(logging.CRITICAL)
     try:
         _check(client, name)
         yield client
     finally:
         client.close(timeout=ANSWER)
+        log.setLevel(level)
 
 
 def _ask(distributed: Any, address: str, name: str) -> None:
@@ -129,13 +136,27 @@ class Cluster(Crew):
         now = time.monotonic()
         if now < self._counted + SAME:
             return
-        if self._client.status not in ("running", "connecting"):
-            raise TransferError(f"the scheduler is gone; {KEPT}")
-        self._workers, self._counted = sum(self._client.nthreads().values()), now
+        with self._heard():
+            self._workers, self._counted = sum(self._client.nthreads().values()), now
         if self._workers:
             self._alive = now
         elif now > self._alive + NOBODY:
             raise TransferError(f"no worker is left for {NOBODY:g} s; {KEPT}")
+
+    @contextmanager
+    def _heard(self) -> Iterator[None]:
+        """Say so when the scheduler is gone, instead of what the client makes of that."""
+        try:
+            yield
+        except Exception as error:
+            if self._client.status == "running" and not isinstance(error, OSError):
+                raise
+            raise TransferError(f"the scheduler is gone ({str(error) or type(error).__name__}); {KEPT}") from error
+
+    def submit(self, job: Job, mark: Path) -> Future[BatchRow | Died]:
+        """Hand over a target."""
+        with self._heard():
+            return super().submit(job, mark)
 
     def at_once(self) -> int:
         """How many targets may be under way."""
@@ -146,13 +167,13 @@ class Cluster(Crew):
         """Raise an error if the scheduler is gone, or all workers are."""
         self._count()
 
-    def renew(self, error: BaseException, lost: list[Any]) -> None:
+    def renew(self, error: BaseException, lost: Deaths) -> None:
         """Wait for a worker, and send the plan again: it may be lost with all workers that had it."""
-        try:
-            self._client.wait_for_workers(1, timeout=NOBODY)
-        except TimeoutError:
-            raise TransferError(f"no worker is left for {NOBODY:g} s; {KEPT}") from error
-        self._scatter()
-
-
-KEPT = "finished targets are kept, run the same batch again to resume"
+        with self._heard():
+            try:
+                self._client.wait_for_workers(1, timeout=NOBODY)
+            except TimeoutError:
+                if self._client.status == "running":
+                    raise TransferError(f"no worker is left for {NOBODY:g} s; {KEPT}") from error
+                raise
+            self._scatter()

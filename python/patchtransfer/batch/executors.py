@@ -29,7 +29,7 @@ from ..errors import TransferError
 from .targets import BatchRow, Job
 from .worker import Died, Sent, died_at, do
 
-__all__ = ["Crew", "processes", "streamed"]
+__all__ = ["Crew", "Deaths", "processes", "streamed"]
 
 #: Tasks under way for every worker: the next one waits there when a target is done.
 AHEAD = 2
