@@ -1,11 +1,11 @@
 """Thousands of targets through one plan: ``python batch_scale.py [-n 1000] [--workers 2] [--dask] [--continuity c0]``.
 
-The bundled wrench to its own bent boundaries with landmarks, files, by a batch with processes or, with ``--dask``, a Dask
+The bundled wrench to its own bent boundaries with landmarks, by a batch with processes or, with ``--dask``, a Dask
 cluster of this machine. Told are the resident memory of this process and of the largest worker as the batch goes on,
-the growth by a target over the second half (and what that makes of 10,000, if fewer were done), and what a batch costs
-beside the plan's own work: processor time of all processes from start to end, by target, over that of `plan.transfer`
-alone in one process, whose targets have been read. Between them stand reading, writing (two files, synchronized),
-handing over and the start of the workers. Processor times and their ratio depend little on what else the machine does.
+the growth by a target over the second half (and what that makes of 10,000, if fewer were done), and processor time by a
+target: of the whole batch with all its processes and their start; of a batch in one process, which reads targets,
+measures and writes results and reports as well; and of `plan.transfer` alone, whose targets have been read. Processor
+times and their ratios depend little on what else the machine does.
 """
 
 from __future__ import annotations
@@ -81,18 +81,17 @@ def main() -> None:
             files.append(folder / f"t{k:05}.xml")
             target, landmarks = bent_boundary(source, float(angle))
             pt.write(target, files[-1])
-            np.savetxt(
-                files[-1].with_suffix(".landmarks.csv"), landmarks, delimiter=",", header="xs,ys,xt,yt", comments=""
-            )
+            np.savetxt(files[-1].with_suffix(".landmarks.csv"), landmarks, delimiter=",", header="xs,ys,xt,yt")
         own = own_seconds(source, files, options.continuity)
+        one = one_process(folder, files, options.continuity)
         how: dict[str, object] = {"continuity": options.continuity}
         if options.dask:
             from distributed import LocalCluster
 
             with LocalCluster(n_workers=options.workers, threads_per_worker=1, dashboard_address=None) as cluster:
-                tell(options.n, own, *watched(folder, files, scheduler=cluster.scheduler_address, **how))
+                tell(options.n, own, one, *watched(folder, files, scheduler=cluster.scheduler_address, **how))
         else:
-            tell(options.n, own, *watched(folder, files, workers=options.workers, **how))
+            tell(options.n, own, one, *watched(folder, files, workers=options.workers, **how))
 
 
 def own_seconds(source: pt.MultiPatch, files: list[Path], continuity: str) -> float:
@@ -107,6 +106,14 @@ def own_seconds(source: pt.MultiPatch, files: list[Path], continuity: str) -> fl
     return (time.process_time() - begin) / len(targets)
 
 
+def one_process(folder: Path, files: list[Path], continuity: str) -> float:
+    """Processor time of a batch in this process, by a target."""
+    chosen = files[:: max(len(files) // SAMPLE, 1)]
+    begin = time.process_time()
+    run_batch(folder / "source.xml", chosen, folder / "one", continuity=continuity)
+    return (time.process_time() - begin) / len(chosen)
+
+
 def watched(folder: Path, files: list[Path], **how: object) -> tuple[float, float, Watch]:
     """Processor time and seconds of the whole batch, and how memory was meanwhile."""
     watch = Watch(len(files))
@@ -115,10 +122,10 @@ def watched(folder: Path, files: list[Path], **how: object) -> tuple[float, floa
     return processor_seconds() - spent, time.perf_counter() - begin, watch
 
 
-def tell(n: int, own: float, spent: float, seconds: float, watch: Watch) -> None:
+def tell(n: int, own: float, one: float, spent: float, seconds: float, watch: Watch) -> None:
     print(f"{n} targets in {seconds:.0f} s on {os.cpu_count()} cores; load {os.getloadavg()[0]:.1f}")
-    ratio = spent / n / own
-    print(f"processor time by a target: {1e3 * spent / n:.1f} ms, the plan's own {1e3 * own:.1f} ms: {ratio:.2f}")
+    times = f"{1e3 * spent / n:.1f} ms, in one process {1e3 * one:.1f} ms, the plan's own {1e3 * own:.1f} ms"
+    print(f"processor time by a target: {times}; ratios {spent / n / one:.2f}, {one / own:.2f}")
     print("targets done | this process, MB | largest worker, MB")
     for rows, here, worker in watch.looks:
         print(f"{rows:12} | {here:16.1f} | {worker:18.1f}")

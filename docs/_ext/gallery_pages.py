@@ -13,6 +13,7 @@ from patchtransfer.plot import savefig
 
 #: What comes first; other scripts follow by name.
 ORDER = (
+    "tutorial",
     "samples",
     "landmarks",
     "own_outline",

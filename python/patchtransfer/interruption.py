@@ -40,7 +40,7 @@ def raise_lost() -> None:
 
 def _is_command() -> bool:
     """Whether this process is the command line, not a program that imports the package."""
-    started_as_module = sys.orig_argv[1:3] == ["-m", "patchtransfer.cli"]
+    started_as_module = sys.orig_argv[1:3] in (["-m", "patchtransfer"], ["-m", "patchtransfer.cli"])
     program = os.path.basename(sys.argv[0]) if sys.argv else ""
     return started_as_module or os.path.splitext(program)[0] == "patchtransfer"
 

@@ -6,6 +6,9 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+
+from .records import DEBUG, INFO, record
 
 __all__ = ["FIRST", "Budget", "Clock", "Progress", "Stage", "StopReason", "reporter"]
 
@@ -48,8 +51,12 @@ class Stage:
         self.inner = 0.0
 
 
+#: The clock of the outermost stage that is open.
+_outermost: ContextVar[Clock | None] = ContextVar("outermost", default=None)
+
+
 class Clock:
-    """Seconds per stage; a stage inside another is not counted twice.
+    """Seconds per stage, also for the package's logger; a stage inside another is not counted twice.
 
     Parameters
     ----------
@@ -67,24 +74,37 @@ class Clock:
         self._ended = ended or getattr(progress, "ended", None)
         self._open: list[Stage] = []
 
+    @property
+    def nested(self) -> bool:
+        """Whether its stages are inside a stage of another clock: of one attempt among several."""
+        return _outermost.get() not in (None, self)
+
     @contextmanager
     def __call__(self, stage: str) -> Iterator[Stage]:
         """Time what runs inside as `stage`; when it fails, nobody is told of its end."""
+        # Attempts inside a stage are its details, unless somebody has asked for them.
+        level = DEBUG if self.nested and self._progress is None and self._ended is None else INFO
+        record(DEBUG, "%s begins", stage, stage=stage)
         if self._progress is not None:
             self._progress(stage, 0, math.nan, math.nan)
         begin = time.perf_counter()
         this = Stage()
         self._open.append(this)
+        outer = _outermost.get()
+        _outermost.set(outer or self)
         try:
             yield this
         finally:
+            _outermost.set(outer)
             self._open.pop()
             spent = time.perf_counter() - begin
             self.seconds[stage] = self.seconds.get(stage, 0.0) + spent - this.inner
             if self._open:
                 self._open[-1].inner += spent
+        own, found = spent - this.inner, this.found
+        record(level, "%s: %.3f s%s", stage, own, f", {found}" if found else "", stage=stage, seconds=own, found=found)
         if self._ended is not None:
-            self._ended(stage, spent - this.inner, this.found)
+            self._ended(stage, own, found)
 
 
 class Budget:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 import models
 import patchtransfer as pt
 import strategies
-from patchtransfer import InputError, MultiPatch, Patch, examples
+from patchtransfer import InputError, MultiPatch, Patch, examples, iga
 from patchtransfer.cli import main
 from patchtransfer.io import vtu
 
@@ -109,6 +109,37 @@ def test_fields_are_exact(tmp_path):
         return [2 * x - y + 0.5]
 
     agree(mp, load(path), {"height": height, "swapped": lambda k, u, v: mp.patches[k](u, v)[::-1]})
+
+
+def test_a_displacement_is_a_vector_in_space(tmp_path):
+    """Elasticity: the file's field is the solution at any point, and on patches of either orientation."""
+    mp = models.plate_with_hole(2, 2)
+    mp = mp.with_labels({"held": [mp.boundaries[0]]})
+    solution = iga.elasticity(mp, {"held": (0.0, 0.0)}, body=(0.0, -1.0), degree=3, points=6)
+    pt.write(mp, tmp_path / "plate.vtu", fields={"u": solution})
+    grid = load(tmp_path / "plate.vtu")
+    assert grid.GetPointData().GetArray("u").GetNumberOfComponents() == 3
+    largest = 0.0
+    for cell in range(grid.GetNumberOfCells()):
+        for at in ((0.3, 0.4), (0.8, 0.2)):
+            x, u = evaluate(grid, cell, *at), evaluate(grid, cell, *at, field="u")
+            np.testing.assert_allclose(u, [*solution(x[:2]), 0], atol=1e-10)
+            largest = max(largest, np.hypot(*u[:2]))
+    assert largest > 0.1
+    assert np.isnan(solution([100.0, 100.0])).all()
+
+
+def test_a_clamped_plate_is_written(tmp_path):
+    mp = models.grid()
+    solution = iga.biharmonic(mp, degree=4, gluing="nearest")
+    pt.write(mp, tmp_path / "plate.vtu", fields={"w": solution})
+    grid = load(tmp_path / "plate.vtu")
+    found = []
+    for cell in range(grid.GetNumberOfCells()):
+        x, w = evaluate(grid, cell, 0.3, 0.6), evaluate(grid, cell, 0.3, 0.6, field="w")
+        found.append(w[0])
+        np.testing.assert_allclose(w, solution(x[:2]), atol=1e-10)
+    assert np.ptp(found) > 0.1
 
 
 def test_fields_on_rational_patches(tmp_path):

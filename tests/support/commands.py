@@ -1,4 +1,4 @@
-"""The command line in this process: how it is called, and what a failure looks like."""
+"""The command line in this process: how it is called, what a failure looks like; its reports are as published."""
 
 import re
 
@@ -7,13 +7,19 @@ from click.testing import CliRunner, Result
 
 import models
 import patchtransfer as pt
+import reports
 import targets
 from patchtransfer.cli import main
 
 
 def run(*arguments) -> Result:
-    """Call the command with arguments of any type."""
-    return CliRunner().invoke(main, [str(a) for a in arguments])
+    """Call the command with arguments of any type; all reports that it writes are held to their schema."""
+    texts = [str(a) for a in arguments]
+    result = CliRunner().invoke(main, texts)
+    for content, names in reports.written(texts, result.stdout) if texts else ():
+        wrong = reports.faults(content, *names)
+        assert not wrong, wrong[:5]
+    return result
 
 
 def inputs_of_transfer(folder):

@@ -207,7 +207,7 @@ def test_colours_are_legible(scheme):
     """Lines at 3 : 1 and words at 4.5 : 1, as the guidelines for web content have it."""
     colours = {}
     for part in ("palette_css", "picture_css"):
-        blocks = re.findall(r":root ?\{(.*?)\}", report._environment().globals[part], re.DOTALL)
+        blocks = re.findall(r":root(?:, ?:host)? ?\{(.*?)\}", report._environment().globals[part], re.DOTALL)
         colours |= dict(re.findall(r"--([\w-]+): ?(#[0-9a-f]{6})", blocks[scheme]))
     for ground in (colours["ground"], colours["panel"]):
         for name in ("ink", "quiet", "accent", "good", "bad"):

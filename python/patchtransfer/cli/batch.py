@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..files import write_atomic
-from .options import continuity_option, html_option, outline_options, transfer_options, verbose_option
-from .streams import one_line, print_error, print_line, say, table, told
+from .options import FOLDER, continuity_option, html_option, volume_options
+from .outlines import Outlines, outline_options
+from .streams import QUIET, one_line, print_error, print_line, say, table, told, volume
 from .support import INTERRUPTED, NOT_CERTIFIED, Report, check_outputs, command_line, failures, keep_inputs
+from .transfer_options import transfer_options
 
 if TYPE_CHECKING:
     from ..batch import BatchRow
@@ -25,7 +27,9 @@ __all__ = ["batch"]
 @click.command()
 @click.argument("source", type=click.Path())
 @click.argument("targets", type=click.Path(), nargs=-1, required=True)
-@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for all files; made if it does not exist.")
+@click.option(
+    "-o", "--output", required=True, type=FOLDER, metavar="DIR", help="Folder for all files; made if it does not exist."
+)
 @continuity_option("c1")
 @transfer_options
 @outline_options
@@ -39,7 +43,7 @@ __all__ = ["batch"]
 )
 @click.option("--force", is_flag=True, help="Do finished targets again.")
 @html_option
-@verbose_option
+@volume_options
 def batch(
     source: str,
     targets: tuple[str, ...],
@@ -49,7 +53,7 @@ def batch(
     scheduler: str | None,
     force: bool,
     html_path: str | None,
-    verbose: bool,
+    outlines: Outlines,
     **options: Any,
 ) -> None:
     """Transfer SOURCE to all TARGETS; for NAME.svg write NAME.xml and NAME.report.json to DIR.
@@ -66,12 +70,12 @@ def batch(
         check_outputs(page=html_path)
         keep_inputs([source, *targets], [html_path, *(os.path.join(output, name) for name in SUMMARY)])
         try:
-            with _bar(len(targets), verbose) as progress:
+            with _bar(len(targets)) as progress:
                 rows = run_batch(
                     source,
                     targets,
                     output,
-                    BatchOptions(**options),
+                    BatchOptions(**outlines.keywords(), **options),
                     continuity=continuity,
                     workers=None if workers is None else min(workers, len(targets)),
                     scheduler=scheduler,
@@ -91,9 +95,10 @@ def batch(
 
 
 @contextmanager
-def _bar(total: int, verbose: bool) -> Iterator[Callable[[BatchRow], None] | None]:
+def _bar(total: int) -> Iterator[Callable[[BatchRow], None] | None]:
     """A progress bar on terminals, and a line for every target where asked for; nothing when piped without."""
-    if not sys.stderr.isatty():
+    verbose = volume() > 0
+    if volume() == QUIET or not sys.stderr.isatty():
         yield (lambda row: print_line(_line(row))) if verbose else None
         return
     from rich.console import Console

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import json_option
+from ..progress import Clock
+from .options import json_option, volume_options
 from .streams import say, table
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs
+from .watch import watched
 
 if TYPE_CHECKING:
     from ..geometry.multipatch import MultiPatch
@@ -23,6 +25,7 @@ __all__ = ["compare"]
 @click.argument("b", type=click.Path())
 @click.option("--width", type=float, default=1e-3, show_default=True, help="How far proved bounds may be apart.")
 @json_option
+@volume_options
 def compare(a: str, b: str, width: float, json_path: str | None) -> None:
     """How similar the multi-patches A and B of one layout are: the dilatation of the map from A to B.
 
@@ -35,13 +38,17 @@ def compare(a: str, b: str, width: float, json_path: str | None) -> None:
     with failures(report):
         check_outputs(report=json_path)
         keep_inputs([a, b], [json_path])
-        first, second = io.read(a), io.read(b)
-        found = similarity(first, second, width=width)
-        content: dict[str, Any] = {
-            "similarity": found.to_dict(),
-            "guaranteed": _guaranteed(first, found),
-            "error": None,
-        }
+        with watched() as progress:
+            clock = Clock(progress)
+            with clock("reading") as stage:
+                first, second = io.read(a), io.read(b)
+                stage.found = f"{first!r}, {second!r}"
+            with clock("similarity") as stage:
+                found = similarity(first, second, width=width)
+                stage.found = str(found)
+            with clock("quality") as stage:
+                guaranteed = _guaranteed(first, found)
+        content: dict[str, Any] = {"similarity": found.to_dict(), "guaranteed": guaranteed, "error": None}
         with all_or_nothing(json_path):
             report.write(content)
             if json_path != "-":

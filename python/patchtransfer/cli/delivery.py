@@ -13,15 +13,16 @@ import click
 
 from ..files import write_atomic
 from ..progress import Clock
-from .streams import one_line, print_line, say, table, told, warn
+from .streams import one_line, say, table, warn
 from .support import NOT_CERTIFIED, Report, all_or_nothing, command_line
 from .watch import watched
 
 if TYPE_CHECKING:
     from ..geometry.boundary import Boundary
+    from ..measure.quality import Quality
     from ..pipeline.result import TransferResult
 
-__all__ = ["deliver", "draw_patches", "leave", "quality_lines", "summary"]
+__all__ = ["deliver", "draw_patches", "figures", "leave", "quality_lines", "summary"]
 
 
 def deliver(
@@ -31,7 +32,6 @@ def deliver(
     pictures: Sequence[tuple[str | None, Callable[[str], None]]],
     html_path: str | None,
     outline: Boundary,
-    verbose: bool = False,
     more: Mapping[str, Any] | None = None,
 ) -> None:
     """Write pictures (path, or None for none, and what draws there), model and report, all or none of them.
@@ -47,7 +47,7 @@ def deliver(
     if error is not None:
         content["error"] = str(error)
     with all_or_nothing(output, *(path for path, _ in pictures), report.path):
-        with watched(verbose) as progress, Clock(progress)("writing") as stage:
+        with watched() as progress, Clock(progress)("writing") as stage:
             for path, draw in pictures:
                 if path is not None:
                     draw(path)
@@ -56,8 +56,7 @@ def deliver(
         report.write(content)
         if report.path != "-":
             summary(content, output)
-    for note in outline.notes:
-        print_line(told("note", note, "cyan"))
+    warn(outline.notes, "note", "cyan")
 
 
 def _write_page(result: TransferResult, command: str | None, notes: Sequence[str], path: str) -> None:
@@ -144,6 +143,13 @@ def summary(content: dict[str, Any], output: str | None) -> None:
     if output is not None:
         add("written", output)
     say(table(lines))
+
+
+def figures(metrics: Quality) -> str:
+    """The figures of a model's quality that matter, for the log."""
+    scaled = metrics.scaled_jacobian
+    sampled = f"scaled Jacobian min {scaled.min:.3f}, mean {scaled.mean:.3f} of samples"
+    return sampled if metrics.proved is None else f"{sampled}; {metrics.proved}"
 
 
 def quality_lines(metrics: dict[str, Any]) -> list[tuple[str, str]]:

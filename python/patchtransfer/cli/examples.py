@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import click
 
 from .delivery import summary
-from .options import verbose_option
+from .options import FOLDER, volume_options
 from .streams import say, warn
 from .support import Report, failures
 from .watch import watched
@@ -15,11 +16,17 @@ from .watch import watched
 __all__ = ["examples"]
 
 
+def _names(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
+    """Names that begin so: of the folders that hold examples, since loading their module takes long."""
+    folder = Path(__file__).parents[1] / "examples"
+    return sorted(path.parent.name for path in folder.glob(f"{incomplete}*/source.xml"))
+
+
 @click.command()
-@click.argument("name", required=False)
-@click.option("-o", "--output", metavar="DIR", help="Folder for all files (default: the example's name).")
-@verbose_option
-def examples(name: str | None, output: str | None, verbose: bool) -> None:
+@click.argument("name", required=False, shell_complete=_names)
+@click.option("-o", "--output", type=FOLDER, metavar="DIR", help="Folder for all files (default: the example's name).")
+@volume_options
+def examples(name: str | None, output: str | None) -> None:
     """List the bundled examples, or run the example NAME and keep its files in DIR."""
     from .. import examples as bundled
 
@@ -27,7 +34,7 @@ def examples(name: str | None, output: str | None, verbose: bool) -> None:
         say(*(f"{key}: {description}" for key, description in bundled.EXAMPLES.items()))
         return
     folder = name if output is None else output
-    with failures(Report(None)), watched(verbose) as progress:
+    with failures(Report(None)), watched() as progress:
         result = bundled.run(name, folder, progress)
     summary(result.to_dict(), os.path.join(folder, ""))
     warn(result.warnings)

@@ -10,26 +10,22 @@ import click
 
 from ..progress import Clock
 from .delivery import deliver, draw_patches, leave
-from .options import (
-    chosen,
-    continuity_option,
-    html_option,
-    json_option,
-    outline_options,
-    transfer_options,
-    verbose_option,
-)
+from .options import FILE, FOLDER, continuity_option, html_option, json_option, threads_option, volume_options
+from .outlines import Outlines, outline_options
 from .streams import say, warn
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, set_threads
+from .transfer_options import chosen, transfer_options
 from .watch import watched
 
 __all__ = ["library"]
 
 
 @click.command()
-@click.argument("folder", type=click.Path(), metavar="DIR")
+@click.argument("folder", type=FOLDER, metavar="DIR")
 @click.argument("target", type=click.Path())
-@click.option("-o", "--output", metavar="OUT.xml", help="Multi-patch of the best; without it DIR is only ranked.")
+@click.option(
+    "-o", "--output", type=FILE, metavar="OUT.xml", help="Multi-patch of the best; without it DIR is only ranked."
+)
 @click.option("--tries", type=click.IntRange(1), default=3, show_default=True, help="Models that are transferred.")
 @click.option("--keep", type=click.IntRange(1), default=12, show_default=True, help="Models that are registered.")
 @click.option(
@@ -41,7 +37,7 @@ __all__ = ["library"]
 @click.option("--skip-unreadable", is_flag=True, help="Leave out files that are no models.")
 @click.option(
     "--cache",
-    type=click.Path(),
+    type=FOLDER,
     metavar="FOLDER",
     help="Where what is known of models is kept (default: $PATCHTRANSFER_CACHE, else the user's place for caches).",
 )
@@ -49,11 +45,11 @@ __all__ = ["library"]
 @continuity_option("c0")
 @transfer_options
 @outline_options
-@click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
+@click.option("--plot", "plot_path", type=FILE, metavar="P.png", help="Picture of the multi-patch.")
 @html_option
 @json_option
-@verbose_option
-@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
+@volume_options
+@threads_option
 def library(
     folder: str,
     target: str,
@@ -68,11 +64,8 @@ def library(
     plot_path: str | None,
     html_path: str | None,
     json_path: str | None,
-    verbose: bool,
     threads: int | None,
-    layers: tuple[str, ...] | None,
-    clean: bool,
-    smooth: bool | None,
+    outlines: Outlines,
     **options: Any,
 ) -> None:
     """Transfer to the boundary TARGET the model of the folder DIR that suits it best.
@@ -80,7 +73,6 @@ def library(
     All models are compared by a signature, the nearest by registration, and the best of these are transferred; the map
     with the largest proved minimum of the scaled Jacobian is written. A table says how far each came, and why.
     """
-    from .. import io
     from ..errors import InputError
     from ..library.library import Library
     from ..library.ranked import table
@@ -97,9 +89,9 @@ def library(
         keep_inputs(inputs, [output, plot_path, html_path, json_path])
         set_threads(threads)
         wanted = chosen(options)
-        with watched(verbose) as progress:
+        with watched() as progress:
             with Clock(progress)("reading") as stage:
-                boundary = io.read_boundary(target, clean=clean, smooth=smooth, layers=layers)
+                boundary = outlines.read(target)
                 shelf = Library.open(
                     folder,
                     continuity,
@@ -133,5 +125,5 @@ def library(
         assert found.result is not None
         more = {"library": found.to_dict()["library"]}
         pictures = [(plot_path, partial(draw_patches, found.result))]
-        deliver(found.result, output, report, pictures, html_path, boundary, verbose, more)
+        deliver(found.result, output, report, pictures, html_path, boundary, more)
     leave(found.result)

@@ -13,7 +13,7 @@ import click
 from ..errors import InputError
 from ..files import write_atomic
 from ..progress import Clock
-from .options import verbose_option
+from .options import FOLDER, volume_options
 from .streams import print_error, say
 from .support import INTERRUPTED, NOT_CERTIFIED, Report, failures, keep_inputs
 from .watch import watched
@@ -28,7 +28,9 @@ __all__ = ["morph"]
 @click.argument("a", type=click.Path())
 @click.argument("b", type=click.Path())
 @click.option("-n", "frames", type=click.IntRange(2, 10000), default=30, show_default=True, help="Frames, with ends.")
-@click.option("-o", "--output", required=True, metavar="DIR", help="Folder for all files; made if it does not exist.")
+@click.option(
+    "-o", "--output", required=True, type=FOLDER, metavar="DIR", help="Folder for all files; made if it does not exist."
+)
 @click.option(
     "--way",
     type=click.Choice(["auto", "rigid"]),
@@ -40,7 +42,7 @@ __all__ = ["morph"]
 @click.option("--mp4", is_flag=True, help="Also an animation, morph.mp4 (needs ffmpeg or the extra [video]).")
 @click.option("--fps", type=click.IntRange(1, 120), default=15, show_default=True, help="Frames a second.")
 @click.option("--keep-uncertified", is_flag=True, help="Write all frames even if some are not certified.")
-@verbose_option
+@volume_options
 def morph(
     a: str,
     b: str,
@@ -51,7 +53,6 @@ def morph(
     mp4: bool,
     fps: int,
     keep_uncertified: bool,
-    verbose: bool,
 ) -> None:
     """Certified multi-patches in between A and B, which differ in their control points only.
 
@@ -71,7 +72,7 @@ def morph(
         names = [f"frame-{i:0{digits}}" for i in range(frames)]
         models = [folder / f"{name}{suffix}" for name in names for suffix in (".xml", ".vtu")]
         keep_inputs([a, b], [*models, *animations, folder / "morph.pvd", folder / "report.json"])
-        with watched(verbose, _frame) as progress:
+        with watched(_frame) as progress:
             clock = Clock(progress)
             with clock("reading") as stage:
                 first, last = io.read(a), io.read(b)

@@ -2,40 +2,92 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import click
 
-from ..errors import InputError
-from ..pipeline.options import CHOICES, Options
+from .streams import QUIET, VOLUME
 
 if TYPE_CHECKING:
-    from ..paper.options import PaperOptions
+    from click.shell_completion import CompletionItem
 
 __all__ = [
-    "chosen",
+    "FILE",
+    "FOLDER",
+    "completed",
     "continuity_option",
-    "fit_tolerance_option",
     "html_option",
     "json_option",
     "keep_uncertified_option",
-    "outline_options",
     "polish_option",
     "polynomial_option",
-    "transfer_options",
-    "verbose_option",
+    "threads_option",
+    "volume_options",
 ]
 
-json_option = click.option("--json", "json_path", metavar="R.json", help='JSON report; "-" for standard output.')
+#: A file that is written; whether it can be is looked at when all options are known.
+FILE = click.Path(readable=False)
+
+
+class _Folder(click.Path):
+    """A folder, which may not exist; shells complete folders only."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        from click.shell_completion import CompletionItem
+
+        return [CompletionItem(incomplete, type="dir")]
+
+
+FOLDER = _Folder(readable=False)
+
+
+def completed(
+    names: Iterable[str],
+) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    """Completion of a text that is one of these names, or something else."""
+    return lambda context, parameter, incomplete: [name for name in names if name.startswith(incomplete)]
+
+
+threads_option = click.option(
+    "--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all)."
+)
+
+json_option = click.option(
+    "--json", "json_path", type=FILE, metavar="R.json", help='JSON report; "-" for standard output.'
+)
 
 html_option = click.option(
-    "--html", "html_path", metavar="R.html", help="Report as one web page: pictures, certificate, quality, continuity."
+    "--html",
+    "html_path",
+    type=FILE,
+    metavar="R.html",
+    help="Report as one web page: pictures, certificate, quality, continuity.",
 )
 
-verbose_option = click.option(
-    "-v", "--verbose", is_flag=True, help="A line on standard error for every stage: its seconds, what it came to."
-)
+
+def _loudness(context: click.Context, parameter: click.Parameter, value: int) -> None:
+    if value:
+        if VOLUME in context.meta:
+            raise click.UsageError("--verbose and --quiet exclude each other")
+        context.meta[VOLUME] = QUIET if parameter.name == "quiet" else value
+
+
+def volume_options(command: Callable[..., None]) -> Callable[..., None]:
+    """How much a command tells of itself, for `streams.volume`; all commands have them."""
+    for option in (
+        click.option("-q", "--quiet", is_flag=True, expose_value=False, callback=_loudness, help="Print errors only."),
+        click.option(
+            "-v",
+            "--verbose",
+            count=True,
+            expose_value=False,
+            callback=_loudness,
+            help="A line on standard error for every stage: its seconds, what it came to. -vv: what was decided, too.",
+        ),
+    ):
+        command = option(command)
+    return command
 
 
 def continuity_option(default: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -68,141 +120,6 @@ def polish_option(
     )
 
 
-def outline_options(command: Callable[..., None]) -> Callable[..., None]:
-    """How an outline is read: keywords of `read_boundary`."""
-    for option in (
-        click.option(
-            "--layer",
-            "layers",
-            multiple=True,
-            callback=lambda context, parameter, value: value or None,
-            metavar="NAME",
-            help="Layer of the drawing to read, or GeoJSON polygon; repeatable (default: all that are visible).",
-        ),
-        click.option(
-            "--no-clean",
-            "clean",
-            is_flag=True,
-            default=True,
-            flag_value=False,
-            help="Do not mend slips of the outline.",
-        ),
-        click.option(
-            "--smooth/--polygon",
-            default=None,
-            help="Points are samples of smooth curves, or corners of polygons (default: all turns decide).",
-        ),
-    ):
-        command = option(command)
-    return command
-
-
-fit_tolerance_option = click.option(
-    "--fit-tolerance",
-    type=float,
-    default=Options.fit_tolerance,
-    show_default=True,
-    metavar="X",
-    help="Boundary error.",
-)
 keep_uncertified_option = click.option(
     "--keep-uncertified", is_flag=True, help="Write the best map even without a certificate."
 )
-
-
-def _paper_options(context: click.Context, parameter: click.Parameter, text: str | None) -> PaperOptions | None:
-    if text is None:
-        return None
-    from ..paper.options import PaperOptions
-
-    try:
-        return PaperOptions.parse(text)
-    except InputError as error:
-        raise click.BadParameter(str(error)) from error
-
-
-def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
-    """The options of a transfer, for `chosen`."""
-    for option in reversed(
-        (
-            click.option("--method", type=click.Choice(CHOICES["method"]), default=Options.method, show_default=True),
-            click.option(
-                "--refine",
-                type=click.Choice(CHOICES["refine"]),
-                default=Options.refine,
-                show_default=True,
-                help="auto: insert knots into the source where it misses the target by 5 times the fit tolerance; "
-                "refine it if no certified map is found. tolerance: wherever it misses by more than the tolerance.",
-            ),
-            click.option(
-                "--split",
-                type=click.Choice(CHOICES["split"]),
-                default=Options.split,
-                show_default=True,
-                help="auto: split the source's patches, in whole strips, where the target has corners that no joint "
-                "of the source takes.",
-            ),
-            click.option(
-                "--mirror",
-                type=click.Choice(CHOICES["mirror"]),
-                default=Options.mirror,
-                show_default=True,
-                help="auto: mirror the source where the target is clearly its mirror image, or landmarks say so.",
-            ),
-            fit_tolerance_option,
-            click.option(
-                "--c1-share",
-                type=float,
-                metavar="X",
-                help="Insert knots until this part of the interfaces' length is C1 (default: none).",
-            ),
-            click.option(
-                "--ratios",
-                type=click.Choice(CHOICES["ratios"]),
-                default="target",
-                show_default=True,
-                help="Speeds and frames that continuity rows follow: the map's, or the source's, as for all targets.",
-            ),
-            polish_option(
-                CHOICES["polish"],
-                "none",
-                "Make the worst place better, proved: the smallest scaled Jacobian, or the largest dilatation of the "
-                "map from the source.",
-            ),
-            click.option(
-                "--fixed-correspondence/--sliding-joints",
-                default=None,
-                help="Keep all joints where registration puts them, or let those that are neither corners nor "
-                "landmarks slide to lower the distortion (default, but for the paper's method).",
-            ),
-            click.option(
-                "--correspondence",
-                type=click.Choice(CHOICES["correspondence"]),
-                default=Options.correspondence,
-                show_default=True,
-                help="Of those found without landmarks: the best, or the second best.",
-            ),
-            click.option(
-                "--paper-options",
-                callback=_paper_options,
-                metavar="KEY=VALUE,...",
-                help="Of --method paper: initial=reversible|dirichlet, boundary_samples=source|uniform, "
-                "freeze_interfaces, literal_rows, snap_corners (true|false), max_iterations and boundary_weight.",
-            ),
-            keep_uncertified_option,
-            click.option(
-                "--time-limit",
-                type=float,
-                metavar="S",
-                help="Seconds for a target, after which the search ends with the best map so far (default: none).",
-            ),
-        )
-    ):
-        command = option(command)
-    return command
-
-
-def chosen(options: dict[str, Any]) -> Options:
-    """What the user chose of `transfer_options`."""
-    given = dict(options)
-    return Options(on_failure="return" if given.pop("keep_uncertified") else "raise", **given)

@@ -10,16 +10,18 @@ from ..interior.polish_report import GOALS
 from ..progress import Clock
 from .delivery import deliver, draw_patches, leave
 from .options import (
+    FILE,
     continuity_option,
-    fit_tolerance_option,
     html_option,
     json_option,
     keep_uncertified_option,
-    outline_options,
     polish_option,
-    verbose_option,
+    threads_option,
+    volume_options,
 )
+from .outlines import Outlines, outline_options
 from .support import Report, check_outputs, failures, keep_inputs, set_threads
+from .transfer_options import fit_tolerance_option
 from .watch import watched
 
 __all__ = ["parameterize"]
@@ -27,7 +29,7 @@ __all__ = ["parameterize"]
 
 @click.command()
 @click.argument("outline", type=click.Path())
-@click.option("-o", "--output", required=True, metavar="OUT.xml", help="Multi-patch (G+Smo XML).")
+@click.option("-o", "--output", required=True, type=FILE, metavar="OUT.xml", help="Multi-patch (G+Smo XML).")
 @click.option("--degree", type=click.IntRange(1), default=3, show_default=True, metavar="P", help="Of all patches.")
 @click.option(
     "--spans", type=click.IntRange(1), default=3, show_default=True, metavar="N", help="Knot spans a direction."
@@ -46,11 +48,11 @@ __all__ = ["parameterize"]
 @click.option("--time-limit", type=float, metavar="S", help="Seconds after which no further layout is tried.")
 @keep_uncertified_option
 @outline_options
-@click.option("--plot", "plot_path", metavar="P.png", help="Picture of the multi-patch.")
+@click.option("--plot", "plot_path", type=FILE, metavar="P.png", help="Picture of the multi-patch.")
 @html_option
 @json_option
-@verbose_option
-@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
+@volume_options
+@threads_option
 def parameterize(
     outline: str,
     output: str,
@@ -66,18 +68,14 @@ def parameterize(
     plot_path: str | None,
     html_path: str | None,
     json_path: str | None,
-    verbose: bool,
     threads: int | None,
-    layers: tuple[str, ...] | None,
-    clean: bool,
-    smooth: bool | None,
+    outlines: Outlines,
 ) -> None:
     """Parameterize the inside of OUTLINE, which needs no source: the layout of patches is found.
 
     OUTLINE is a boundary, holes included: G+Smo XML, closed point lists (CSV), a drawing (SVG, DXF), a polygon
     (GeoJSON), an airfoil or an image.
     """
-    from .. import io
     from ..sources.auto_layout import parameterize as run
 
     report = Report(json_path)
@@ -85,9 +83,9 @@ def parameterize(
         check_outputs(model=output, picture=plot_path, page=html_path, report=json_path)
         keep_inputs([outline], [output, plot_path, html_path, json_path])
         set_threads(threads)
-        with watched(verbose, _stage) as progress:
-            with Clock(ended=progress.ended)("reading") as stage:
-                boundary = io.read_boundary(outline, clean=clean, smooth=smooth, layers=layers)
+        with watched(_stage) as progress:
+            with Clock(progress)("reading") as stage:
+                boundary = outlines.read(outline)
                 stage.found = repr(boundary)
             result = run(
                 boundary,
@@ -102,10 +100,10 @@ def parameterize(
                 on_failure="return" if keep_uncertified else "raise",
                 progress=progress,
             )
-        deliver(result, output, report, [(plot_path, partial(draw_patches, result))], html_path, boundary, verbose)
+        deliver(result, output, report, [(plot_path, partial(draw_patches, result))], html_path, boundary)
     leave(result)
 
 
-def _stage(stage: str, number: int) -> str:
+def _stage(stage: str, number: int, *_: float) -> str:
     """What a parameterization tells of its progress."""
     return f"{stage} {number}" if number else stage

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
-from .options import json_option
+from ..progress import Clock
+from .options import FILE, json_option, threads_option, volume_options
 from .streams import say, table, warn
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, set_threads
+from .watch import watched
 
 if TYPE_CHECKING:
     from ..iga import PoissonResult
@@ -38,9 +40,10 @@ COARSE = 0.1
 @click.option("--load", type=float, metavar="F", help="With these: a constant right-hand side (default 0).")
 @click.option("--uniform", is_flag=True, help="Uniform knots, even where the geometry's knots could be kept.")
 @json_option
-@click.option("-o", "--output", metavar="U.vtu", help="Model and solution, for ParaView.")
-@click.option("--plot", "plot_path", metavar="P.png", help="Picture: solution and absolute error.")
-@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
+@click.option("-o", "--output", type=FILE, metavar="U.vtu", help="Model and solution, for ParaView.")
+@click.option("--plot", "plot_path", type=FILE, metavar="P.png", help="Picture: solution and absolute error.")
+@threads_option
+@volume_options
 def poisson(
     file: str,
     degree: int | None,
@@ -70,15 +73,23 @@ def poisson(
         check_outputs(model=output, picture=plot_path, report=json_path)
         keep_inputs([file], [output, plot_path, json_path])
         set_threads(threads)
-        model = io.read(file)
-        given = _conditions(dirichlet, neumann, robin, load)
-        result = solve(model, degree=degree, points=points, knots="uniform" if uniform else "auto", **given)
+        with watched() as progress:
+            clock = Clock(progress)
+            with clock("reading") as stage:
+                model = io.read(file)
+                stage.found = repr(model)
+            given = _conditions(dirichlet, neumann, robin, load)
+            knots = "uniform" if uniform else "auto"
+            result = solve(model, degree=degree, points=points, knots=knots, progress=progress, **given)
         warnings = _unresolved(result)
         with all_or_nothing(output, plot_path, json_path):
-            if plot_path is not None:
-                plot.savefig(solution(result), plot_path)
-            if output is not None:
-                io.write(model, output, fields={"u": result})
+            if written := [path for path in (plot_path, output) if path is not None]:
+                with watched() as progress, Clock(progress)("writing") as stage:
+                    if plot_path is not None:
+                        plot.savefig(solution(result), plot_path)
+                    if output is not None:
+                        io.write(model, output, fields={"u": result})
+                    stage.found = ", ".join(written)
             report.write(result.to_dict() | {"warnings": warnings, "error": None})
             if json_path != "-":
                 _summary(result.to_dict())

@@ -6,10 +6,12 @@ from typing import Any
 
 import click
 
-from .delivery import quality_lines
-from .options import json_option
+from ..progress import Clock
+from .delivery import figures, quality_lines
+from .options import json_option, volume_options
 from .streams import say, table
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs
+from .watch import watched
 
 __all__ = ["quality"]
 
@@ -20,6 +22,7 @@ __all__ = ["quality"]
 @click.option("--width", type=float, default=1e-3, show_default=True, help="How far proved bounds may be apart.")
 @click.option("--samples", type=click.IntRange(2, 1000), default=10, show_default=True, help="Along every knot span.")
 @json_option
+@volume_options
 def quality(file: str, proved: bool, width: float, samples: int, json_path: str | None) -> None:
     """Scaled Jacobian and condition number of the multi-patch FILE, of samples and proved.
 
@@ -32,7 +35,14 @@ def quality(file: str, proved: bool, width: float, samples: int, json_path: str 
     with failures(report):
         check_outputs(report=json_path)
         keep_inputs([file], [json_path])
-        found = measured(io.read(file), samples, proved=proved, width=width)
+        with watched() as progress:
+            clock = Clock(progress)
+            with clock("reading") as stage:
+                model = io.read(file)
+                stage.found = repr(model)
+            with clock("quality") as stage:
+                found = measured(model, samples, proved=proved, width=width)
+                stage.found = figures(found)
         content: dict[str, Any] = {"quality": found.to_dict(), "error": None}
         with all_or_nothing(json_path):
             report.write(content)

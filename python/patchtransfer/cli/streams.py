@@ -1,18 +1,38 @@
-"""Command line: texts and tables on standard output, messages on standard error."""
+"""Command line: texts and tables on standard output, messages on standard error, as loud as the command is.
+
+With ``--quiet`` there are errors only, and what is asked for by ``--json -``.
+"""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import TextIO
 
 import click
 
 from ..errors import InputError
 
-__all__ = ["one_line", "print_error", "print_line", "say", "table", "told", "warn", "write_out"]
+__all__ = [
+    "QUIET",
+    "VOLUME",
+    "one_line",
+    "print_error",
+    "print_line",
+    "redirected",
+    "say",
+    "table",
+    "told",
+    "volume",
+    "warn",
+    "write_line",
+    "write_out",
+]
+
+#: Where a command's context keeps how loud it is, and what it is with ``--quiet``; otherwise the number of ``-v``.
+VOLUME, QUIET = "patchtransfer.volume", -1
 
 #: Letters of a message: names in files may be as long as the file.
 MAX_LINE = 2000
@@ -22,8 +42,32 @@ CONTROL = dict.fromkeys((7, 8, 27))
 GAP = "  "
 
 
+#: What takes lines of standard error meanwhile: a status line would be torn by them.
+_above: Callable[[str], None] | None = None
+
+
+def volume() -> int:
+    """How loud the command that runs is: `QUIET`, or how often ``-v`` is given."""
+    context = click.get_current_context(silent=True)
+    loud: int = 0 if context is None else context.meta.get(VOLUME, 0)
+    return loud
+
+
+@contextmanager
+def redirected(above: Callable[[str], None]) -> Iterator[None]:
+    """Hand lines of standard error to a function."""
+    global _above
+    before, _above = _above, above
+    try:
+        yield
+    finally:
+        _above = before
+
+
 def say(*texts: str) -> None:
-    """Texts on standard output, coloured on a terminal; `InputError` when it takes no more."""
+    """Texts on standard output, coloured on a terminal, nothing if quiet; `InputError` when it takes no more."""
+    if volume() == QUIET:
+        return
     write_out("".join(_for(sys.stdout, text) + "\n" for text in texts))
 
 
@@ -57,10 +101,12 @@ def print_error(message: str) -> None:
     print_line(told("error", message, "red", bold=True))
 
 
-def warn(warnings: Iterable[str]) -> None:
-    """A line each on standard error."""
+def warn(warnings: Iterable[str], kind: str = "warning", colour: str = "yellow") -> None:
+    """A line each on standard error, unless quiet."""
+    if volume() == QUIET:
+        return
     for warning in warnings:
-        print_line(told("warning", warning, "yellow"))
+        print_line(told(kind, warning, colour))
 
 
 def told(what: str, text: str, colour: str, bold: bool = False) -> str:
@@ -69,7 +115,12 @@ def told(what: str, text: str, colour: str, bold: bool = False) -> str:
 
 
 def print_line(text: str) -> None:
-    """A line on standard error."""
+    """A line on standard error, above the status line where there is one."""
+    (_above or write_line)(text)
+
+
+def write_line(text: str) -> None:
+    """A line on standard error as it is."""
     try:
         sys.stderr.write(_for(sys.stderr, text) + "\n")
         sys.stderr.flush()

@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import suppress
-from functools import partial
 
 import click
 
-from .options import continuity_option, outline_options
+from ..progress import Clock
+from .options import FILE, continuity_option, threads_option, volume_options
+from .outlines import Outlines, outline_options
 from .streams import say
 from .support import Report, failures, set_threads
+from .watch import watched
 
 __all__ = ["studio"]
 
@@ -19,12 +21,13 @@ __all__ = ["studio"]
 @click.command()
 @click.argument("source", type=click.Path())
 @click.argument("target", type=click.Path(), required=False)
-@click.option("--landmarks", metavar="L.csv", help="Landmarks to start with, columns xs,ys,xt,yt.")
+@click.option("--landmarks", type=FILE, metavar="L.csv", help="Landmarks to start with, columns xs,ys,xt,yt.")
 @continuity_option("c1")
 @outline_options
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="0, the default, takes any free one.")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser, only print the address.")
-@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
+@threads_option
+@volume_options
 def studio(
     source: str,
     target: str | None,
@@ -33,9 +36,7 @@ def studio(
     port: int,
     no_browser: bool,
     threads: int | None,
-    layers: tuple[str, ...] | None,
-    clean: bool,
-    smooth: bool | None,
+    outlines: Outlines,
 ) -> None:
     """Open a local page where the target is dragged and the certified result follows.
 
@@ -59,15 +60,17 @@ def studio(
 
     with failures(Report(None)):
         set_threads(threads)
-        read = partial(io.read_boundary, clean=clean, smooth=smooth, layers=layers)
-        points = None if landmarks is None else io.read_landmarks(landmarks)
-        given = None if target is None else read(target)
-        try:
-            model = io.read(source)
-        except io.OutlineOnlyError:
-            session = Session.of_outline(read(source), given, points, continuity)
-        else:
-            session = Session(model, model.boundary() if given is None else given, points, continuity)
+        with watched() as progress, Clock(progress)("reading") as stage:
+            points = None if landmarks is None else io.read_landmarks(landmarks)
+            given = None if target is None else outlines.read(target)
+            try:
+                model = io.read(source)
+            except io.OutlineOnlyError:
+                # May take seconds.
+                session = Session.of_outline(outlines.read(source), given, points, continuity)
+            else:
+                session = Session(model, model.boundary() if given is None else given, points, continuity)
+            stage.found = repr(session.source)
         title = os.path.basename(source) + (f" → {os.path.basename(target)}" if target else "")
         with suppress(KeyboardInterrupt):
             serve(session, title, port, ready)

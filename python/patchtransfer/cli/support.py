@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import sys
 import warnings
 from collections.abc import Iterable, Iterator
@@ -20,9 +19,9 @@ from ..libraries import library
 from .streams import print_error, warn, write_out
 
 __all__ = [
+    "COMMAND_LINE",
     "INTERRUPTED",
     "NOT_CERTIFIED",
-    "Commands",
     "Report",
     "all_or_nothing",
     "check_outputs",
@@ -99,34 +98,6 @@ def _best_map(error: BaseException) -> dict[str, Any]:
     # Those of bad input come without, and before the result's module is loaded.
     result = getattr(error, "result", None)
     return {} if result is None else cast(dict[str, Any], result.to_dict())
-
-
-class Commands(click.Group):
-    """Group of commands without tracebacks: also errors and interruptions outside of `failures` are one line."""
-
-    def make_context(
-        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
-    ) -> click.Context:
-        """The context, which remembers the command line for reports."""
-        line = shlex.join(["patchtransfer", *args])
-        context = super().make_context(info_name, args, parent, **extra)
-        context.meta[COMMAND_LINE] = line
-        return context
-
-    def main(self, *args: Any, **kwargs: Any) -> Any:
-        """Run the command line; everything that goes wrong from here on is one line on standard error."""
-        try:
-            with interruption.caught(), only_own_warnings(), failures(Report(None)):
-                return super().main(*args, **kwargs)
-        except SystemExit as end:
-            if end.code == INTERRUPTED:
-                interruption.close_at_once()
-            raise
-
-    def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; before click makes an "Aborted!" with status 1 of an interruption."""
-        with failures(Report(None)):
-            return super().invoke(ctx)
 
 
 def command_line() -> str | None:

@@ -10,16 +10,17 @@ import click
 from ..progress import Clock
 from .delivery import deliver, leave
 from .options import (
-    chosen,
+    FILE,
     continuity_option,
     html_option,
     json_option,
-    outline_options,
     polynomial_option,
-    transfer_options,
-    verbose_option,
+    threads_option,
+    volume_options,
 )
+from .outlines import Outlines, outline_options
 from .support import Report, check_outputs, failures, keep_inputs, set_threads
+from .transfer_options import chosen, transfer_options
 from .watch import watched
 
 if TYPE_CHECKING:
@@ -36,25 +37,28 @@ ROUNDING = 1e-6
 @click.command()
 @click.argument("source", type=click.Path())
 @click.argument("target", type=click.Path())
-@click.option("-o", "--output", required=True, metavar="OUT.xml", help="Transferred multi-patch (G+Smo XML).")
-@click.option("--landmarks", metavar="L.csv", help="Corresponding boundary points, columns xs,ys,xt,yt.")
+@click.option(
+    "-o", "--output", required=True, type=FILE, metavar="OUT.xml", help="Transferred multi-patch (G+Smo XML)."
+)
+@click.option("--landmarks", type=FILE, metavar="L.csv", help="Corresponding boundary points, columns xs,ys,xt,yt.")
 @continuity_option("c1")
 @transfer_options
 @outline_options
 @polynomial_option(
     "Make a rational (NURBS) SOURCE polynomial first: its sides move by at most this part of the diameter."
 )
-@click.option("--plot", "plot_path", metavar="P.png", help="Picture: source, target and result.")
-@click.option("--plot-registration", metavar="P.png", help="Picture: which boundary points correspond.")
+@click.option("--plot", "plot_path", type=FILE, metavar="P.png", help="Picture: source, target and result.")
+@click.option("--plot-registration", type=FILE, metavar="P.png", help="Picture: which boundary points correspond.")
 @click.option(
     "--write-landmarks",
+    type=FILE,
     metavar="F.csv",
     help="Landmarks that were given and found, named by the numbers of the pictures: correct them and hand them back.",
 )
 @html_option
 @json_option
-@verbose_option
-@click.option("--threads", type=click.IntRange(1, 1024), metavar="N", help="Threads of the core (default: all).")
+@volume_options
+@threads_option
 def transfer(
     source: str,
     target: str,
@@ -66,11 +70,8 @@ def transfer(
     write_landmarks: str | None,
     html_path: str | None,
     json_path: str | None,
-    verbose: bool,
     threads: int | None,
-    layers: tuple[str, ...] | None,
-    clean: bool,
-    smooth: bool | None,
+    outlines: Outlines,
     polynomial: float | None,
     **options: Any,
 ) -> None:
@@ -89,9 +90,9 @@ def transfer(
         outputs = [output, plot_path, plot_registration, write_landmarks, html_path, json_path]
         keep_inputs([source, target, landmarks], outputs)
         set_threads(threads)
-        with watched(verbose) as progress:
+        with watched() as progress:
             with Clock(progress)("reading") as stage:
-                model, boundary = io.read(source), io.read_boundary(target, clean=clean, smooth=smooth, layers=layers)
+                model, boundary = io.read(source), outlines.read(target)
                 points = None if landmarks is None else io.read_landmarks(landmarks)
                 stage.found = f"{model!r}, {boundary!r}" + ("" if points is None else f", {len(points)} landmarks")
             notes = []
@@ -109,7 +110,7 @@ def transfer(
             (plot_registration, partial(_draw_registration, model, boundary, result)),
             (write_landmarks, partial(_write_landmarks, result)),
         ]
-        deliver(result, output, report, pictures, html_path, boundary, verbose)
+        deliver(result, output, report, pictures, html_path, boundary)
     leave(result, progress.warnings)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_array, csc_array, csr_array
 
 from ..errors import InputError
@@ -101,6 +102,15 @@ class BiharmonicResult:
     def __repr__(self) -> str:
         errors = "" if self.errors is None else f", L2 error {self.errors.l2:.2e}"
         return f"<BiharmonicResult: {self.dofs} unknowns{errors}, residual {self.residual:.1e}>"
+
+    def __call__(self, points: ArrayLike) -> FloatArray:
+        """The solution at points (..., 2) of the plane; NaN outside of the model. See `MultiPatch.locate`."""
+        return self.field.at(*self.multipatch.locate(points))
+
+    @property
+    def components(self) -> tuple[Field, ...]:
+        """The field, for `patchtransfer.write`."""
+        return self.field.components
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""

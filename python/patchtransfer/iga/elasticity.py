@@ -58,6 +58,11 @@ class ElasticityResult:
     def __repr__(self) -> str:
         return f"<ElasticityResult: {2 * self.dofs} unknowns, residual {self.residual:.1e}>"
 
+    def __call__(self, points: ArrayLike) -> FloatArray:
+        """The displacement (..., 2) at points (..., 2) of the plane; NaN outside. See `MultiPatch.locate`."""
+        found = self.multipatch.locate(points)
+        return np.stack([component.at(*found) for component in self.displacement], axis=-1)
+
     @property
     def dofs(self) -> int:
         """Number of coefficients of a component."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as data_field
@@ -18,6 +17,7 @@ from ..errors import InputError
 from ..geometry.multipatch import MultiPatch
 from ..geometry.sides import Side
 from ..numeric.arrays import FloatArray
+from ..progress import Clock, Progress
 from .fluxes import Flux, Neumann, Robin, add_flux_matrix, as_function, flux_load, fluxes_of, on_sides
 from .manufactured import Wave
 from .nodes import GeometryAt, ScalarFunction, SideNodes, all_nodes, boundary_nodes, geometry_at, sampled, sides_at
@@ -205,6 +205,8 @@ class PoissonSolver:
         Gauss nodes per span and direction; default one more than the larger degree of field and geometry.
     memory : float, default 8
         GB that the solution may take, as estimated from the number of `points`.
+    progress : callable, optional
+        Told of stages, as in `patchtransfer.transfer`.
 
     Raises
     ------
@@ -226,19 +228,22 @@ class PoissonSolver:
         knots: str = "auto",
         quadrature: int | None = None,
         memory: float = MEMORY,
+        progress: Progress | None = None,
     ) -> None:
-        begin = time.perf_counter()
-        if points is not None:
-            _check_memory(mp, degree, points, memory)
-        self.space = SplineSpace(mp, degree, points, knots=knots)
-        self.nodes = all_nodes(self.space, mp, quadrature)
-        self._boundary_nodes = boundary_nodes(self.space, mp, quadrature)
-        self.assembler = Assembler(self.space, self.nodes)
-        self._knots = [patch.knots for patch in mp.patches]
-        self._degrees = [patch.degrees for patch in mp.patches]
-        self._systems: dict[tuple[tuple[int, Side], ...], DefiniteSystem] = {}
-        self._unknowns_off(tuple(sorted(self.space.boundaries)))
-        self.setup_seconds = time.perf_counter() - begin
+        self._progress, clock = progress, Clock(progress)
+        with clock("setup") as stage:
+            if points is not None:
+                _check_memory(mp, degree, points, memory)
+            self.space = SplineSpace(mp, degree, points, knots=knots)
+            self.nodes = all_nodes(self.space, mp, quadrature)
+            self._boundary_nodes = boundary_nodes(self.space, mp, quadrature)
+            self.assembler = Assembler(self.space, self.nodes)
+            self._knots = [patch.knots for patch in mp.patches]
+            self._degrees = [patch.degrees for patch in mp.patches]
+            self._systems: dict[tuple[tuple[int, Side], ...], DefiniteSystem] = {}
+            self._unknowns_off(tuple(sorted(self.space.boundaries)))
+            stage.found = f"{self.space.size} unknowns"
+        self.setup_seconds = clock.seconds["setup"]
 
     def __repr__(self) -> str:
         return f"<PoissonSolver: {self.space.size} unknowns on {len(self.space.bases)} patches>"
@@ -303,18 +308,18 @@ class PoissonSolver:
     ) -> PoissonResult:
         """Solve on a model with the solver's patches, knots and interfaces; see :func:`poisson`."""
         f, g, exact, gradient = _problem(mp, f, g, exact, gradient, bool(neumann or robin))
-        clock = [time.perf_counter()]
-        given = _Conditions.of(mp, g, neumann, robin)
-        data = given.values
-        system, pure, maps, sides, through = self._system(mp, f, given)
-        clock.append(time.perf_counter())
-        free = self._unknowns_off(tuple(sorted(data)))
-        u, residual = free.solve(system.values, system.load, system.known)
-        clock.append(time.perf_counter())
+        clock = Clock(self._progress)
+        with clock("assembly"):
+            given = _Conditions.of(mp, g, neumann, robin)
+            data = given.values
+            system, pure, maps, sides, through = self._system(mp, f, given)
+        with clock("solve") as stage:
+            free = self._unknowns_off(tuple(sorted(data)))
+            u, residual = free.solve(system.values, system.load, system.known)
+            stage.found = f"residual {residual:.1e}"
         field = Field(self.space, u)
-        errors = None if exact is None else error_norms(field, mp, exact, gradient)
-        clock.append(time.perf_counter())
-        stages = dict(zip(("assembly", "solve", "errors"), np.diff(clock).tolist(), strict=True))
+        with clock("errors"):
+            errors = None if exact is None else error_norms(field, mp, exact, gradient)
         adjoint = PoissonAdjoint(
             mp,
             self.space,
@@ -328,7 +333,7 @@ class PoissonSolver:
             f,
             through,
         )
-        return PoissonResult(field, mp, errors, residual, stages, exact, adjoint)
+        return PoissonResult(field, mp, errors, residual, clock.seconds, exact, adjoint)
 
     def _check(self, mp: MultiPatch) -> None:
         same = len(mp) == len(self._knots) and mp.interfaces == self.space.interfaces
@@ -420,6 +425,7 @@ def poisson(
     knots: str = "auto",
     quadrature: int | None = None,
     memory: float = MEMORY,
+    progress: Progress | None = None,
 ) -> PoissonResult:
     """Solve −Δu = f with values, fluxes or both (Robin) on the sides of labels, by isogeometric analysis.
 
@@ -452,6 +458,8 @@ def poisson(
         Gauss nodes per span and direction; default one more than the larger degree of field and geometry.
     memory : float, default 8
         GB that the solution may take, as estimated from the number of `points`.
+    progress : callable, optional
+        Told of stages, as in `patchtransfer.transfer`.
 
     Returns
     -------
@@ -487,6 +495,6 @@ def poisson(
     >>> [round(float(u), 9) for u in bent([[0, 0.5], [2, 0.5], [4, 0.5]])]
     [20.0, 17.5, 15.0]
     """
-    solver = PoissonSolver(mp, degree, points, knots=knots, quadrature=quadrature, memory=memory)
+    solver = PoissonSolver(mp, degree, points, knots=knots, quadrature=quadrature, memory=memory, progress=progress)
     result = solver.solve(mp, f, g, exact, gradient, neumann=neumann, robin=robin)
     return replace(result, timings={"setup": solver.setup_seconds, **result.timings})

@@ -261,7 +261,7 @@ def write(
         (MFEM), ``.json`` (splinepy) and ``.vtu`` (ParaView) for multi-patches. An existing file is replaced.
     fields : mapping of names to fields or solutions, optional
         To ``.vtu`` only: fields of `patchtransfer.iga` on this model, exactly; degrees are raised and knots inserted
-        until the model's space holds them.
+        until the model's space holds them. A displacement becomes a vector of three components, the last 0.
 
     Raises
     ------

@@ -42,7 +42,7 @@ class SplineField(Protocol):
 def in_one_space(mp: MultiPatch, fields: Mapping[str, SplineField]) -> tuple[MultiPatch, dict[str, list[FloatArray]]]:
     """The same geometry in a spline space that holds the fields as well, and their coefficients (n_u, n_v, d) there.
 
-    On rational patches these are of rational functions with the patch's weights.
+    On rational patches these are of rational functions with the patch's weights. Vectors get a third component, 0.
 
     Raises
     ------
@@ -60,7 +60,10 @@ def in_one_space(mp: MultiPatch, fields: Mapping[str, SplineField]) -> tuple[Mul
         finer = _raised(patch, [d for *_, d in pairs])
         patches.append(finer)
         for name, field in fields.items():
-            out[name].append(np.stack([_coefficients(finer, c, k) for c in field.components], axis=2))
+            found = [_coefficients(finer, c, k) for c in field.components]
+            # Vectors have three components in VTK: what warps by a field, or draws arrows, takes no others.
+            found += [np.zeros_like(found[0])] * (len(found) == 2)
+            out[name].append(np.stack(found, axis=2))
     return MultiPatch(patches, mp.interfaces, mp.ids, mp.sides, mp.blocks), out
 
 

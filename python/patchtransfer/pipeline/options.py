@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import KW_ONLY, dataclass, fields, replace
+from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Self, TypedDict, cast
 
 from ..errors import InputError
 from ..interior.polish_report import GOALS
 from ..progress import Budget, Clock, Progress
+from ..records import DEBUG, WARNING, record
 
 if TYPE_CHECKING:
     from ..paper.options import PaperOptions
@@ -174,6 +175,8 @@ class Run:
     clock: Clock
     budget: Budget
     progress: Progress | None = None
+    #: Warnings that are records already.
+    _recorded: set[str] = field(default_factory=set, compare=False)
 
     @classmethod
     def of(
@@ -185,10 +188,22 @@ class Run:
 
     def warn(self, texts: Iterable[str]) -> None:
         """Tell whom it tells, if they listen, what speaks against the work that begins."""
+        texts = list(texts)
+        self.record((), texts)
         warned = getattr(self.progress, "warned", None)
         if warned is not None:
             for text in texts:
                 warned(text)
+
+    def record(self, decisions: Iterable[str], warnings: Iterable[str]) -> None:
+        """Records of what was decided, and of warnings that are new."""
+        for text in decisions:
+            record(DEBUG, "%s", text)
+        for text in warnings:
+            if text not in self._recorded:
+                self._recorded.add(text)
+                # Against one attempt of several is not yet against the result.
+                record(DEBUG if self.clock.nested else WARNING, "%s", text)
 
     def part(self, share: float) -> Run:
         """The run with a share of the work."""

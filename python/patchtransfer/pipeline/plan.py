@@ -152,6 +152,7 @@ class TransferPlan:
         notes = [MIRROR_IMAGE] if result.looks_mirrored else []
         advice = split_advice(result) if result.succeeded else None
         result = result.with_warnings(notes if advice is None else [*notes, advice])
+        run.record(result.log, result.warnings)
         failure = failure_of(result) if run.options.on_failure == "raise" else None
         if failure is not None:
             raise failure

@@ -282,7 +282,7 @@ def savefig(figure: Figure, path: str | os.PathLike[str], dpi: int = 200) -> Non
 
 
 def png(shown: MultiPatch | Patch | Boundary, dpi: int = 110) -> bytes:
-    """PNG image of :func:`multipatch` or :func:`boundary`, for notebooks."""
+    """PNG image of `plot.multipatch` or `plot.boundary`, for notebooks."""
     figure = picture_of(shown)
     from .picture import rendered
 

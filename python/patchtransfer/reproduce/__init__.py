@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import math
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -386,11 +387,17 @@ def commit() -> str | None:
 @click.command()
 @click.option("-o", "--output", required=True, metavar="DIR", help="Folder for data, pictures and page.")
 @click.option("--sample", "names", multiple=True, metavar="NAME", help="Only this sample (repeatable).")
-def main(output: str, names: tuple[str, ...]) -> None:
+@click.option("-v", "--verbose", is_flag=True, help="Say what is done also where no terminal is.")
+@click.option("-q", "--quiet", is_flag=True, help="Print errors only.")
+def main(output: str, names: tuple[str, ...], verbose: bool, quiet: bool) -> None:
     """Table 1 and Figures 8 to 12 of the paper on the bundled samples."""
+    if verbose and quiet:
+        raise click.UsageError("--verbose and --quiet exclude each other")
+    told = verbose or (sys.stderr.isatty() and not quiet)
     try:
-        data = reproduce(output, names or None, progress=lambda text: click.echo(text, err=True))
+        data = reproduce(output, names or None, progress=(lambda text: click.echo(text, err=True)) if told else None)
     except InputError as error:
         raise click.UsageError(str(error)) from None
     uncertified = [r for r in data["table1"] if r["method"] == "certified" and r["status"] != "certified"]
-    click.echo(f"written to {output}; {len(uncertified)} samples not certified")
+    if not quiet:
+        click.echo(f"written to {output}; {len(uncertified)} samples not certified")

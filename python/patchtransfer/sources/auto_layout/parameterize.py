@@ -27,6 +27,7 @@ from ...pipeline.result import NotCertifiedError, TransferResult, failure_of
 from ...progress import Budget, Clock
 from ...proof.certificate import certify
 from ...proof.feasibility import check_loops
+from ...records import DEBUG, WARNING, record
 from ..quad_layout import QuadLayout
 from .assembly import AbstractLayout
 from .convex import convex_layout
@@ -199,6 +200,10 @@ def parameterize(
     places = {int(v): tuple(vertices[v].tolist()) for v in best.layout.boundary_vertices}
     layout = QuadLayout.abstract(best.layout.quads, vertices, places)
     found = Parameterization.of(replace(result, timings=clock.seconds), layout, candidates, log)
+    for text in log:
+        record(DEBUG, "%s", text)
+    for text in found.warnings:
+        record(DEBUG if clock.nested else WARNING, "%s", text)
     error = failure_of(found) if on_failure == "raise" else None
     if error is not None:
         raise error
