@@ -81,7 +81,8 @@ def main() -> None:
             files.append(folder / f"t{k:05}.xml")
             target, landmarks = bent_boundary(source, float(angle))
             pt.write(target, files[-1])
-            np.savetxt(files[-1].with_suffix(".landmarks.csv"), landmarks, delimiter=",", header="xs,ys,xt,yt")
+            beside = files[-1].with_suffix(".landmarks.csv")
+            np.savetxt(beside, landmarks, delimiter=",", header="xs,ys,xt,yt", comments="")
         own = own_seconds(source, files, options.continuity)
         one = one_process(folder, files, options.continuity)
         how: dict[str, object] = {"continuity": options.continuity}
