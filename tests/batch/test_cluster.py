@@ -127,7 +127,13 @@ def test_workers_of_another_version_are_refused(tmp_path, address, monkeypatch):
 
 def test_a_folder_that_workers_do_not_see_is_told_before_the_work(tmp_path, address, monkeypatch):
     source, files = dying.case(tmp_path, [0])
-    monkeypatch.setattr(distributed.Client, "run", lambda self, *_: {"tcp://far:1": False})
+    original = distributed.Client.run
+
+    def blind(self, function, *arguments, **options):
+        seen = original(self, function, *arguments, **options)
+        return {"tcp://far:1": False} if function is os.path.isdir else seen
+
+    monkeypatch.setattr(distributed.Client, "run", blind)
     with pytest.raises(InputError, match="out: not seen by the worker tcp://far:1"):
         run_batch(source, files, tmp_path / "out", scheduler=address)
     assert not list((tmp_path / "out").iterdir())

@@ -103,10 +103,16 @@ def _check(client: Any, name: str) -> None:
         client.wait_for_workers(1, timeout=FIRST_WORKER)
     except TimeoutError:
         raise InputError(f"{name}: no worker after {FIRST_WORKER:g} s; start some, as with `dask worker`") from None
-    for address, had in client.get_versions(packages=["patchtransfer"])["workers"].items():
-        version = had["packages"].get("patchtransfer")
-        if version != __version__:
-            has = f"has patchtransfer {version}" if version else "has no patchtransfer"
+
+    def version() -> str:
+        # Local, so that it is sent as it is: workers need not have this module to be asked.
+        import patchtransfer
+
+        return patchtransfer.__version__
+
+    for address, had in client.run(version, on_error="return").items():
+        if had != __version__:
+            has = f"has patchtransfer {had}" if isinstance(had, str) else f"cannot load patchtransfer ({had})"
             raise InputError(f"{name}: its worker {address} {has}, this is {__version__}; install the same there")
 
 
