@@ -21,6 +21,7 @@ extensions = [
     "numpydoc",
     "sphinx.ext.autodoc",
     "bars",
+    "checked_pages",
     "sphinx.ext.autosummary",
     "references",
     "shipped_mathjax",

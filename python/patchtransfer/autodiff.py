@@ -36,6 +36,18 @@ def jax_function(frozen: Frozen) -> Callable[[Any], Any]:
     -----
     A boundary without a map raises within JAX, whose error quotes the `InfeasibleTargetError`. A certificate is no part
     of the function: ``frozen.fill(x).certificate`` has it.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, target, landmarks = pt.examples.load("star")
+    >>> frozen = pt.transfer(source, target, landmarks).freeze()
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> fill = pt.autodiff.jax_function(frozen)
+    >>> slope = jax.grad(lambda boundary: (fill(boundary) ** 2).sum())(frozen.boundary)
+    >>> slope.shape == frozen.boundary.shape
+    True
     """
     jax = library("jax", user="jax_function")
     if not jax.config.jax_enable_x64:
@@ -77,6 +89,17 @@ def torch_function(frozen: Frozen) -> Callable[[Any], Any]:
     ------
     InputError
         Without PyTorch; the function itself on tensors of another kind.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, target, landmarks = pt.examples.load("star")
+    >>> frozen = pt.transfer(source, target, landmarks).freeze()
+    >>> import torch  # doctest: +SKIP
+    >>> boundary = torch.tensor(frozen.boundary, requires_grad=True)  # doctest: +SKIP
+    >>> (pt.autodiff.torch_function(frozen)(boundary) ** 2).sum().backward()  # doctest: +SKIP
+    >>> boundary.grad.shape == boundary.shape  # doctest: +SKIP
+    True
     """
     torch = library("torch", user="torch_function")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from importlib import import_module
 from pathlib import Path
@@ -31,6 +32,18 @@ def test_api_lists_every_public_name():
 def test_names_of_modules_are_public_there(name):
     module, _, attribute = name.partition(".")
     assert attribute in import_module(f"patchtransfer.{module}").__all__
+
+
+def test_every_public_function_has_an_example():
+    """And so have the classes that one makes oneself; results are made by these functions, errors by mistakes."""
+    made = {"MultiPatch", "Patch", "Boundary", "BSplineCurve", "QuadLayout", "TransferPlan", "Library", "Deformer"}
+    made |= {"PaperOptions", "iga.PoissonSolver", "iga.SplineSpace"}
+    for name in listed():
+        module, _, attribute = name.rpartition(".")
+        thing = getattr(import_module(f"patchtransfer.{module}" if module else "patchtransfer"), attribute)
+        if inspect.isroutine(thing) or name in made:
+            # Doctests of all modules run with the tests.
+            assert ">>> " in (thing.__doc__ or ""), name
 
 
 def test_quickstart_runs(tmp_path, monkeypatch, capsys):

@@ -116,6 +116,16 @@ def run(name: str, folder: str | os.PathLike[str], progress: Progress | None = N
     ------
     InputError
         When there is no such example or the folder cannot be written to.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> result = pt.examples.run("star", folder)
+    >>> sorted(path.name for path in folder.iterdir())[:3]
+    ['landmarks.csv', 'registration.png', 'report.json']
     """
     _check_name(name)
     folder = Path(folder)

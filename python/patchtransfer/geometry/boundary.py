@@ -38,6 +38,15 @@ class Boundary(Shown):
     ------
     InputError
         When a loop is empty or open; the message names loop and curve.
+
+    Examples
+    --------
+    >>> from patchtransfer import Boundary
+    >>> square = Boundary.from_points([(0, 0), (2, 0), (2, 2), (0, 2)])
+    >>> square
+    <Boundary: 1 loop of 4 curves>
+    >>> square.loops[0][0](0.5).tolist()
+    [1.0, 0.0]
     """
 
     loops: tuple[tuple[BSplineCurve, ...], ...]

@@ -61,6 +61,12 @@ class MultiPatch(Shown):
     InputError
         When an interface names a patch that does not exist, sides whose degrees or knots differ, or sides
         whose control points do not coincide; when a label names a patch or side that does not exist.
+
+    Examples
+    --------
+    >>> corners, knots = np.array([[[0, 0], [0, 1]], [[1, 0], [1, 1]]], float), [0, 0, 1, 1]
+    >>> MultiPatch([Patch((knots, knots), (1, 1), corners + [x, 0]) for x in range(3)])
+    <MultiPatch: 3 patches, 2 interfaces, 0 holes, 8 control points>
     """
 
     interfaces: tuple[Interface, ...]

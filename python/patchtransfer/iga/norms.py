@@ -82,6 +82,14 @@ def error_norms(
     ------
     InputError
         When a callable fails or the model is folded; the message names the patch.
+
+    Examples
+    --------
+    >>> from patchtransfer import examples, iga
+    >>> source, _, _ = examples.load("star")
+    >>> field = iga.poisson(source, f=0.0, g=lambda x, y: x - 2 * y).field
+    >>> iga.error_norms(field, source, lambda x, y: x - 2 * y).max < 1e-10
+    True
     """
     squares = np.zeros(4)
     largest = size = 0.0

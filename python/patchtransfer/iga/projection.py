@@ -33,6 +33,15 @@ def l2_projection(space: SplineSpace, mp: MultiPatch, f: ScalarFunction, quadrat
     ------
     InputError
         When f fails or the model is folded; the message names the patch.
+
+    Examples
+    --------
+    >>> from patchtransfer import examples, iga
+    >>> source, _, _ = examples.load("star")
+    >>> space = iga.SplineSpace(source, degree=3, points=8)
+    >>> field = iga.l2_projection(space, source, lambda x, y: x * y)
+    >>> iga.error_norms(field, source, lambda x, y: x * y).max < 1e-3
+    True
     """
     nodes = all_nodes(space, mp, quadrature)
     assembler = Assembler(space, nodes)

@@ -158,6 +158,13 @@ class SplineSpace:
     A smooth function of the plane is only as smooth in the parameters as the geometry. The field therefore needs knots
     where the geometry has them, with the geometry's smoothness: on the bundled examples, 4th degree and 12 points, this
     makes the largest error 4 to 25 times smaller than the paper's uniform knots do.
+
+    Examples
+    --------
+    >>> from patchtransfer import examples, iga
+    >>> source, _, _ = examples.load("star")
+    >>> iga.SplineSpace(source, degree=4, points=12).size
+    793
     """
 
     def __init__(

@@ -87,6 +87,17 @@ def read(path: str | os.PathLike[str]) -> MultiPatch:
     InputError
         When the file cannot be read, or holds no planar B-spline or NURBS patches (three-dimensional and
         hierarchical geometries are refused).
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, _, _ = pt.examples.load("star")
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> pt.write(source, folder / "source.xml")
+    >>> pt.read(folder / "source.xml")
+    <MultiPatch: 6 patches, 6 interfaces, 0 holes, 181 control points>
     """
     path = Path(path)
     with _naming(path):
@@ -139,6 +150,20 @@ def read_boundary(
     ------
     InputError
         When the file cannot be read or its curves do not close up.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> svg = '<svg xmlns="http://www.w3.org/2000/svg"><path d="M 0 0 H 3 V 2 H 0 Z"/></svg>'
+    >>> _ = (folder / "plate.svg").write_text(svg)
+    >>> outline = pt.read_boundary(folder / "plate.svg")
+    >>> outline
+    <Boundary: 1 loop of 4 curves>
+    >>> round(outline.diameter, 3)
+    3.606
     """
     path = Path(path)
     with _naming(path):
@@ -169,6 +194,16 @@ def read_landmarks(path: str | os.PathLike[str]) -> FloatArray:
     ------
     InputError
         When a column is missing, or an entry is not a finite number.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> pt.write_landmarks([[0, 0, 1, 1], [2, 0, 3, 1]], folder / "pairs.csv")
+    >>> pt.read_landmarks(folder / "pairs.csv").tolist()
+    [[0.0, 0.0, 1.0, 1.0], [2.0, 0.0, 3.0, 1.0]]
     """
     path = Path(path)
     with _naming(path):
@@ -355,6 +390,18 @@ def convert(path: str | os.PathLike[str], to: str | os.PathLike[str]) -> MultiPa
     -----
     InputWarning
         For everything that the other format cannot hold: labels, other blocks, ids, interfaces that cannot be inferred.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, _, _ = pt.examples.load("star")
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> pt.write(source, folder / "star.xml")
+    >>> _ = pt.convert(folder / "star.xml", folder / "star.npz")
+    >>> pt.read(folder / "star.npz") == source
+    True
     """
     path, to = Path(path), Path(to)
     geometry: MultiPatch | Boundary

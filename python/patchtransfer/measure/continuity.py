@@ -258,6 +258,13 @@ def check_continuity(mp: MultiPatch, samples: int = 20) -> ContinuityReport:
     coefficients (Bernstein form, trapezoidal weights). On regular patches a residual of 0 makes a and b have
     one sign, for a det(D_a, C') = −b det(D_b, C'); where it is not small they may change sign
     (`gluing_positive`).
+
+    Examples
+    --------
+    >>> from patchtransfer import check_continuity, examples
+    >>> report = check_continuity(examples.load("star")[0])
+    >>> report.c1_share < 0.1, report.kink_deg.max > 1
+    (True, True)
     """
     if not mp.interfaces:
         return ContinuityReport(0.0, 0.0, 0.0, Kink(0.0, 0.0, None), 0.0, (), 1.0, {}, (), (), np.empty((0, 15)))

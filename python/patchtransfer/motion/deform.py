@@ -77,6 +77,15 @@ class Deformer:
         On a model that cannot be transferred.
     NotCertifiedError
         When `frozen` finds no certified map on the model's own boundary.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, _, _ = pt.examples.load("star")
+    >>> deformer = pt.Deformer(source)
+    >>> x, y = source.boundary().loops[0][0].start
+    >>> [deformer.deform([[x, y, s * x, s * y]]).certificate.status for s in (0.9, 1.1)]
+    ['certified', 'certified']
     """
 
     def __init__(self, mp: MultiPatch, continuity: str | None = None, *, frozen: bool = False) -> None:

@@ -138,6 +138,15 @@ def morph(
         When a and b do not have the same patches, degrees, knots, weights and interfaces, or one is not injective.
     NotCertifiedError
         When a frame is not certified and `on_failure` is "raise"; the message names the frame.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, target, landmarks = pt.examples.load("star")
+    >>> result = pt.transfer(source, target, landmarks)
+    >>> frames = pt.morph(source, result.multipatch, 5).frames
+    >>> [frame.t for frame in frames], all(frame.certificate.injective for frame in frames)
+    ([0.0, 0.25, 0.5, 0.75, 1.0], True)
     """
     if n < 2:
         raise InputError(f"a morph needs at least 2 frames, its ends; got n = {n}")

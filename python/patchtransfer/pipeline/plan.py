@@ -75,8 +75,14 @@ class TransferPlan:
     Raises
     ------
     InputError
-        On a source that cannot be transferred: folded (naming the patch), disconnected, or for "g1" rational or
-        without the freedom that it needs.
+        On a source that cannot be transferred: folded (naming the patch), disconnected, for "g1" rational or too stiff.
+
+    Examples
+    --------
+    >>> from patchtransfer import examples
+    >>> source, target, landmarks = examples.load("star")
+    >>> [result.certificate.status for result in TransferPlan(source).map([target, (target, landmarks)])]
+    ['certified', 'certified']
     """
 
     def __init__(
@@ -326,8 +332,7 @@ class TransferPlan:
         -------
         TransferPlan
             Its ``split`` tells how, and from which patch of the source each of its own comes; this plan itself, if
-            its patches suffice. `transfer` with the default ``split="never"`` keeps the patches; corners of the target
-            are matched to the new joints.
+            its patches suffice. `transfer` with the default ``split="never"`` matches corners to its new joints.
 
         Raises
         ------
@@ -387,8 +392,7 @@ class TransferPlan:
             time is Python's. Of a small source several targets go to a worker at once.
         **options
             As in `transfer`; a ``time_limit`` is for every target by itself. ``split="auto"`` splits for each target by
-            itself, so that results differ in their patches: ``plan.split_for(targets).map(targets)`` has the same
-            ones for all.
+            itself, so that results differ in their patches: ``plan.split_for(targets).map(targets)`` has one set.
 
         Raises
         ------

@@ -116,6 +116,16 @@ def transfer(
         When no injective parameterization with this topology exists on the target.
     NotCertifiedError, BoundaryMissedError
         See `on_failure`.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, target, landmarks = pt.examples.load("star")
+    >>> result = pt.transfer(source, target, landmarks)
+    >>> result.certificate.status, len(result.multipatch)
+    ('certified', 6)
+    >>> result.boundary_error < 1e-3
+    True
     """
     plan = TransferPlan(source, continuity, ratios=options.get("ratios") or "target")
     return plan.transfer(target, landmarks, progress=progress, method=method, **options)

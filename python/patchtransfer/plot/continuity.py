@@ -62,6 +62,14 @@ def slope_difference(before: MultiPatch, after: MultiPatch, interfaces: Sequence
     ------
     InputError
         When the models' interfaces differ, there are none, or an interface does not exist.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, target, landmarks = pt.examples.load("star")
+    >>> before, after = (pt.transfer(source, target, landmarks, continuity=kind).multipatch for kind in ("c0", "c1"))
+    >>> len(pt.plot.slope_difference(before, after, [0, 1]).axes)
+    2
     """
     if before.interfaces != after.interfaces or not before.interfaces:
         raise InputError("slope differences need two multi-patches with the same interfaces, and at least one")

@@ -44,6 +44,15 @@ def dilatation(a: MultiPatch, b: MultiPatch, title: str | None = None) -> Figure
     ------
     InputError
         When the models are not of one layout.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, target, landmarks = pt.examples.load("star")
+    >>> result = pt.transfer(source, target, landmarks, continuity="c0")
+    >>> figure = pt.plot.dilatation(source, result.multipatch)
+    >>> figure.axes[1].get_ylabel()
+    'log of the dilatation'
     """
     a, b = common_layout(a, b)
     fields = [

@@ -36,6 +36,14 @@ def solution(result: PoissonResult, titles: tuple[str, str] = ("solution", "abso
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, _, _ = pt.examples.load("star")
+    >>> figure = pt.plot.solution(pt.iga.poisson(source, degree=4, points=8))
+    >>> [ax.get_title() for ax in figure.axes[:2]]
+    ['solution', 'absolute error']
     """
     mp = result.multipatch
     grids = [even_grid(mp, k) for k in range(len(mp))]

@@ -132,6 +132,14 @@ def boundary(boundary: Boundary, ax: Axes | None = None, title: str | None = Non
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> _, target, _ = pt.examples.load("star")
+    >>> figure = pt.plot.boundary(target, title="target")
+    >>> figure.axes[0].get_title()
+    'target'
     """
     ax = new_axes(np.concatenate(closed_loops(boundary))) if ax is None else ax
     draw_boundary(ax, boundary)
@@ -165,6 +173,15 @@ def transfer(
     Returns
     -------
     matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, target, landmarks = pt.examples.load("star")
+    >>> result = pt.transfer(source, target, landmarks)
+    >>> figure = pt.plot.transfer(source, target, result.multipatch)
+    >>> [ax.get_title() for ax in figure.axes[:3]]
+    ['source', 'target', 'result']
     """
     outlines = [np.concatenate(lines) for lines in (side_lines(source), closed_loops(target), side_lines(result))]
     figure, axes = panels(outlines, 1.2)
@@ -218,6 +235,16 @@ def registration(
     ------
     InputError
         When `joints` or `matched` has another shape.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, target, landmarks = pt.examples.load("star")
+    >>> result = pt.transfer(source, target, landmarks)
+    >>> joints = [[*a, *b] for a, b in result.registration.joints]
+    >>> figure = pt.plot.registration(source.boundary(), result.multipatch.boundary(), joints, target)
+    >>> [ax.get_title() for ax in figure.axes]
+    ['source', 'target']
     """
     pairs, dots = (np.asarray(x, dtype=np.float64) for x in (joints, np.empty((0, 4)) if matched is None else matched))
     for name, rows in (("joints", pairs), ("matched", dots)):
@@ -270,6 +297,17 @@ def savefig(figure: Figure, path: str | os.PathLike[str], dpi: int = 200) -> Non
     ------
     InputError
         On another suffix or a folder that cannot be written to.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, _, _ = pt.examples.load("star")
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> pt.plot.savefig(pt.plot.multipatch(source), folder / "star.svg")
+    >>> (folder / "star.svg").exists()
+    True
     """
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
@@ -282,7 +320,15 @@ def savefig(figure: Figure, path: str | os.PathLike[str], dpi: int = 200) -> Non
 
 
 def png(shown: MultiPatch | Patch | Boundary, dpi: int = 110) -> bytes:
-    """PNG image of `plot.multipatch` or `plot.boundary`, for notebooks."""
+    """PNG image of `plot.multipatch` or `plot.boundary`, for notebooks.
+
+    Examples
+    --------
+    >>> import patchtransfer as pt
+    >>> source, _, _ = pt.examples.load("star")
+    >>> pt.plot.png(source)[1:4]
+    b'PNG'
+    """
     figure = picture_of(shown)
     from .picture import rendered
 

@@ -285,6 +285,16 @@ def reproduce(
     ------
     InputError
         On an unknown sample, a folder that cannot be written to, or without matplotlib.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> from patchtransfer import reproduce
+    >>> content = reproduce.reproduce(folder, names=["star"])
+    >>> (folder / "table1.csv").exists()
+    True
     """
     samples = [name for name in examples.EXAMPLES if name not in examples.RATIONAL]
     chosen = samples if names is None else list(dict.fromkeys(names))

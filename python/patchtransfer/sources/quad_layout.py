@@ -55,6 +55,13 @@ class QuadLayout:
     InputError
         On quads that are inverted, not convex or share an edge the wrong way, naming them, and on vertices that lie
         inside an edge (the layout does not conform).
+
+    Examples
+    --------
+    >>> from patchtransfer import QuadLayout
+    >>> layout = QuadLayout([(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)], [(0, 1, 4, 3), (1, 2, 5, 4)])
+    >>> len(layout.quads)
+    2
     """
 
     vertices: FloatArray
