@@ -26,4 +26,5 @@ for k, (ax, result) in enumerate(zip(axes, results, strict=True), 1):
 
 # %%
 # For files there is ``patchtransfer batch SOURCE TARGETS... -o DIR --workers 4``: in processes, a failure of one target
-# does not stop the others, and a second call does only what is missing.
+# does not stop the others, and a second call does only what is missing. With ``--scheduler ADDRESS`` the workers of a
+# Dask cluster do it: see "Many targets, many machines" in the guide.

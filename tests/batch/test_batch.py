@@ -1,6 +1,5 @@
 import csv
 import json
-import os
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ import patchtransfer as pt
 import targets
 from failing import SLOT, notched
 from patchtransfer import InputError, TransferPlan
-from patchtransfer.batch import BatchOptions, _in_processes, _jobs, run_batch
+from patchtransfer.batch import BatchOptions, run_batch
 from patchtransfer.cli import main
 
 
@@ -158,28 +157,6 @@ def test_processes_give_the_same(case):
     ]
     for name in ("a.xml", "b.xml"):
         assert (folder / "one" / name).read_bytes() == (folder / "two" / name).read_bytes()
-
-
-class Dying(TransferPlan):
-    """A plan whose process dies on a target with two loops."""
-
-    def transfer(self, target, landmarks=None, **options):
-        if len(target.loops) == 2:
-            os._exit(3)
-        return super().transfer(target, landmarks, **options)
-
-
-def test_a_process_that_dies_is_a_failure_of_its_target_only(case):
-    folder, source, files = case
-    ring = models.annulus(4, 3, 2)
-    pt.write(ring.boundary(), folder / "deadly.xml")
-    files = [folder / "deadly.xml", files[0]]
-    out = folder / "out"
-    out.mkdir()
-    jobs = _jobs(source, files, out)
-    rows = {job.target: row for job, row in _in_processes(Dying(pt.read(source)), jobs, BatchOptions(), 1)}
-    assert [rows[f].ok for f in files] == [False, True]
-    assert "process ended" in rows[files[0]].error
 
 
 class Panic(BaseException):

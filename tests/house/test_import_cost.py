@@ -10,7 +10,7 @@ import pytest
 
 from patchtransfer.cli import COMMANDS, main
 
-HEAVY = ("matplotlib", "scipy.interpolate", "scipy.optimize", "scipy.special", "scipy.spatial")
+HEAVY = ("dask", "distributed", "matplotlib", "scipy.interpolate", "scipy.optimize", "scipy.special", "scipy.spatial")
 
 
 def loaded_after(code: str) -> set[str]:

@@ -36,6 +36,11 @@ __all__ = ["batch"]
 @click.option(
     "--workers", type=click.IntRange(1, 256), metavar="N", help="Processes (default: one a core, at most one a target)."
 )
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Of a Dask cluster, as tcp://HOST:8786: its workers do the work, not this machine.",
+)
 @click.option("--force", is_flag=True, help="Do finished targets again.")
 @html_option
 @volume_options
@@ -45,6 +50,7 @@ def batch(
     output: str,
     continuity: str,
     workers: int | None,
+    scheduler: str | None,
     force: bool,
     html_path: str | None,
     outlines: Outlines,
@@ -58,7 +64,8 @@ def batch(
     """
     from ..batch import SUMMARY, BatchOptions, run_batch, write_summary
 
-    processes = min(os.cpu_count() or 1, len(targets)) if workers is None else workers
+    if scheduler is None and workers is None:
+        workers = os.cpu_count() or 1
     with failures(Report(None)):
         check_outputs(page=html_path)
         keep_inputs([source, *targets], [html_path, *(os.path.join(output, name) for name in SUMMARY)])
@@ -70,7 +77,8 @@ def batch(
                     output,
                     BatchOptions(**outlines.keywords(), **options),
                     continuity=continuity,
-                    workers=processes,
+                    workers=None if workers is None else min(workers, len(targets)),
+                    scheduler=scheduler,
                     force=force,
                     progress=progress,
                 )
