@@ -20,9 +20,9 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.sides import Side
 from ..numeric.arrays import FloatArray
 from ..numeric.definite import DefiniteFactor
+from .conditions import dirichlet_data
 from .elasticity_adjoint import ElasticityAdjoint, Material
 from .nodes import GeometryAt, ScalarFunction, all_nodes, boundary_nodes, geometry_at, sides_at
-from .poisson import dirichlet_data
 from .space import Field, SplineSpace
 from .system import Assembler, boundary_fit
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as data_field
 from functools import partial
@@ -18,8 +17,8 @@ from ..geometry.multipatch import MultiPatch
 from ..geometry.sides import Side
 from ..numeric.arrays import FloatArray
 from ..progress import Clock, Progress
-from .fluxes import Flux, Neumann, Robin, add_flux_matrix, as_function, flux_load, fluxes_of, on_sides
-from .manufactured import Wave
+from .conditions import Conditions, Dirichlet, Load, problem
+from .fluxes import Flux, Neumann, Robin, add_flux_matrix, as_function, flux_load
 from .nodes import GeometryAt, ScalarFunction, SideNodes, all_nodes, boundary_nodes, geometry_at, sampled, sides_at
 from .norms import ErrorNorms, VectorFunction, error_norms
 from .poisson_adjoint import PoissonAdjoint
@@ -33,13 +32,6 @@ MEMORY = 8.0
 #: Bytes an unknown, and for each of its (2p + 1)² matrix entries: peak memory of solutions of 20,000 to a million
 #: unknowns, nodes, factor and error norms included, is 5.4, 6.8, 8.6 and 17 kB an unknown at degrees 1, 2, 3 and 6.
 BYTES, BYTES_AN_ENTRY = 4700, 80
-
-#: Values of a right-hand side: a function, a constant, or None for the default.
-Load = ScalarFunction | float | None
-#: Boundary values: everywhere, or label by label.
-Dirichlet = Load | Mapping[str, ScalarFunction | float]
-#: Boundary values with the defaults put in.
-Values = ScalarFunction | Mapping[str, ScalarFunction | float]
 
 GRADIENT = ((1, 0), (0, 1))
 """Parametric derivatives in the gradient: orders in u and v."""
@@ -274,11 +266,11 @@ class PoissonSolver:
         f, g : callable, optional
             As in :func:`poisson`.
         """
-        f, g, _, _ = _problem(mp, f, g, None, None)
-        return self._system(mp, f, _Conditions.of(mp, g, None, None))[0]
+        f, g, _, _ = problem(mp, f, g, None, None)
+        return self._system(mp, f, Conditions.of(mp, g, None, None))[0]
 
     def _system(
-        self, mp: MultiPatch, f: ScalarFunction, given: _Conditions
+        self, mp: MultiPatch, f: ScalarFunction, given: Conditions
     ) -> tuple[LinearSystem, FloatArray, list[GeometryAt], list[SideNodes], list[Flux]]:
         """The system, its matrix without fluxes, and the geometry that it was integrated on."""
         self._check(mp)
@@ -315,10 +307,10 @@ class PoissonSolver:
         robin: Robin | None = None,
     ) -> PoissonResult:
         """Solve on a model with the solver's patches, knots and interfaces; see :func:`poisson`."""
-        f, g, exact, gradient = _problem(mp, f, g, exact, gradient, bool(neumann or robin))
+        f, g, exact, gradient = problem(mp, f, g, exact, gradient, bool(neumann or robin))
         clock = Clock(self._progress)
         with clock("assembly"):
-            given = _Conditions.of(mp, g, neumann, robin)
+            given = Conditions.of(mp, g, neumann, robin)
             data = given.values
             system, pure, maps, sides, through = self._system(mp, f, given)
         with clock("solve") as stage:
@@ -351,72 +343,6 @@ class PoissonSolver:
             knots = zip(patch.knots, self._knots[k], strict=True)
             if patch.degrees != self._degrees[k] or not all(np.array_equal(a, b) for a, b in knots):
                 raise InputError(f"patch {k} has another degree or other knots than the solver's; make a solver for it")
-
-
-def dirichlet_data(
-    mp: MultiPatch, g: ScalarFunction | Mapping[str, ScalarFunction | float], what: str = "Dirichlet data"
-) -> dict[tuple[int, Side], ScalarFunction]:
-    """The boundary values of every side that has some.
-
-    Raises
-    ------
-    InputError
-        On a label that the model does not have, one on an interface, a side with two labels, or no side at all.
-    """
-    if not isinstance(g, Mapping):
-        return dict.fromkeys(mp.boundaries, g)
-    data = {at: as_function(g[label]) for at, label in on_sides(mp, g, what).items()}
-    if not data:
-        raise InputError(f"{what}: no side has values, and the solution is not unique; name a label with sides")
-    return data
-
-
-@dataclass(frozen=True, eq=False)
-class _Conditions:
-    """What is given on the sides of a model: values, or fluxes."""
-
-    values: dict[tuple[int, Side], ScalarFunction]
-    fluxes: dict[tuple[int, Side], tuple[ScalarFunction, ScalarFunction | None]]
-
-    @classmethod
-    def of(cls, mp: MultiPatch, g: Values, neumann: Neumann | None, robin: Robin | None) -> _Conditions:
-        fluxes = fluxes_of(mp, neumann, robin)
-        if not fluxes:
-            return cls(dirichlet_data(mp, g), fluxes)
-        if isinstance(g, Mapping):
-            values = dirichlet_data(mp, g) if g else {}
-            for k, side in set(values) & set(fluxes):
-                raise InputError(f"patch {k} {side.name.lower()} has Dirichlet data and a flux; give it one of them")
-        else:
-            values = {at: g for at in mp.boundaries if at not in fluxes}
-        if not values and all(rate is None for _, rate in fluxes.values()):
-            raise InputError(
-                "every side has Neumann data, and the solution is not unique; give values (g) or Robin data on a side"
-            )
-        return cls(values, fluxes)
-
-
-def _problem(
-    mp: MultiPatch,
-    f: Load,
-    g: Dirichlet,
-    exact: ScalarFunction | None,
-    gradient: VectorFunction | None,
-    with_flux: bool = False,
-) -> tuple[ScalarFunction, Values, ScalarFunction | None, VectorFunction | None]:
-    """Fill in what is not given: the paper's problem without f, boundary values of the exact solution, or zero."""
-    if f is None:
-        if with_flux:
-            raise InputError("conditions on fluxes need a right-hand side; give f (0.0 for none)")
-        if exact is not None:
-            raise InputError("a known solution needs its right-hand side f = −Δ exact too")
-        wave = Wave.of_size(mp.diameter)
-        f = wave.load
-        if g is None:
-            exact, gradient = wave, wave.gradient
-    if g is None:
-        g = exact if exact is not None else 0.0
-    return as_function(f), g if isinstance(g, Mapping) else as_function(g), exact, gradient
 
 
 def poisson(

@@ -75,14 +75,13 @@ class TransferPlan:
     Raises
     ------
     InputError
-        On a source that cannot be transferred: folded (naming the patch), disconnected, for "g1" rational or too stiff.
+        On a source that is folded (naming the patch), disconnected, or for "g1" rational or without enough freedom.
 
     Examples
     --------
-    >>> from patchtransfer import examples
-    >>> source, target, landmarks = examples.load("star")
-    >>> [result.certificate.status for result in TransferPlan(source).map([target, (target, landmarks)])]
-    ['certified', 'certified']
+    >>> from patchtransfer.examples import load
+    >>> [result.certificate.status for result in TransferPlan(load("star")[0]).map([load("star")[1]])]
+    ['certified']
     """
 
     def __init__(
