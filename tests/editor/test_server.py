@@ -7,7 +7,6 @@ import json
 import os
 import random
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -22,7 +21,6 @@ pytest.importorskip("uvicorn")
 pytest.importorskip("starlette")
 client = pytest.importorskip("websockets.sync.client")
 OTHER = ["/file/../../etc/passwd", "/file/%2e%2e%2fetc%2fpasswd", "/file/x.xml", "/etc/passwd"]
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals")
 
 
@@ -209,17 +207,7 @@ def test_a_port_that_is_taken_is_an_error(files, studio):
         assert re.fullmatch(rf"error: port {port} cannot be used [^\n]*--port 0\n", process.stderr.read())
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on the path")
 class TestInABrowser:
-    @pytest.fixture(scope="class")
-    @classmethod
-    def browser(cls):
-        driver = pytest.importorskip("playwright.sync_api")
-        with driver.sync_playwright() as running:
-            chromium = running.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-            yield chromium
-            chromium.close()
-
     @pytest.fixture
     def page(self, browser, files):
         given = files / "source.xml", files / "target.xml", "--landmarks", files / "landmarks.csv"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 
@@ -14,7 +13,6 @@ import shapes
 from patchtransfer import InputError, examples
 
 pytest.importorskip("anywidget")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
 def opened(landmarks=None):
@@ -222,17 +220,7 @@ window.cell();
 </script></body>"""
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on the path")
 class TestInABrowser:
-    @pytest.fixture(scope="class")
-    @classmethod
-    def browser(cls):
-        driver = pytest.importorskip("playwright.sync_api")
-        with driver.sync_playwright() as running:
-            chromium = running.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-            yield chromium
-            chromium.close()
-
     @pytest.fixture
     def widget(self):
         return opened()

@@ -131,8 +131,10 @@ class MultiPatch(Shown):
             loops = f"{holes} hole{'' if holes == 1 else 's'}"
         except InputError:
             loops = "open boundary"
+        interfaces = len(self.interfaces)
         return (
-            f"<MultiPatch: {len(self.patches)} patches, {len(self.interfaces)} interfaces, {loops}, "
+            f"<MultiPatch: {len(self.patches)} patch{'' if len(self.patches) == 1 else 'es'}, "
+            f"{interfaces} interface{'' if interfaces == 1 else 's'}, {loops}, "
             f"{self.topology.n_points} control points>"
         )
 
