@@ -91,7 +91,8 @@ def test_a_wrong_address_is_told_within_seconds(tmp_path):
     source, files = dying.case(tmp_path, [0])
     with socket.create_server(("127.0.0.1", 0)) as silent:
         wrong = {
-            f"tcp://127.0.0.1:{free_port()}": "refused",
+            # Which of the two depends on what its last attempt had come to when time was up.
+            f"tcp://127.0.0.1:{free_port()}": "refused|Timed out",
             # Takes the call, and says nothing.
             f"127.0.0.1:{silent.getsockname()[1]}": "nothing within 5 s",
             "somewhere": "missing port",
@@ -101,7 +102,7 @@ def test_a_wrong_address_is_told_within_seconds(tmp_path):
         for address, message in wrong.items():
             begin = time.monotonic()
             done = run("batch", source, *files, "-o", tmp_path / "out", "--scheduler", address)
-            failed(done, 2, f"scheduler {address} *does not answer.*{message}.*dask scheduler")
+            failed(done, 2, f"scheduler {address} *does not answer.*({message}).*dask scheduler")
             assert time.monotonic() - begin < 15
     assert not (tmp_path / "out").exists()
 

@@ -90,7 +90,7 @@ def _ask(distributed: Any, address: str, name: str) -> None:
         told = "what listens there is something else"
     except (OSError, ValueError, TypeError, LookupError) as error:
         # What is no scheduler can answer anything.
-        told = str(error.__cause__ or error) or type(error).__name__
+        told = str(error.__cause__ or "") or str(error) or type(error).__name__
     else:
         if kind == "Scheduler":
             return
