@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from pathlib import Path
 
@@ -10,6 +11,9 @@ sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 from numpydoc.xref import DEFAULT_LINKS
 
 import patchtransfer
+
+# A library that gallery scripts load shows all records of the root logger; thousands of stages would hide warnings.
+logging.getLogger("patchtransfer").propagate = False
 
 project = "patchtransfer"
 author = "The patchtransfer developers"
