@@ -76,7 +76,7 @@ def test_help_and_version_load_their_command_only(arguments):
     text, names = answered(*arguments)
     assert text.startswith("Usage: patchtransfer" if "--help" in arguments else "patchtransfer, version ")
     assert names.isdisjoint(UNASKED)
-    assert modules_of_commands(names) == ({COMMANDS[arguments[0]][0]} if arguments[0] in COMMANDS else set())
+    assert modules_of_commands(names) == ({arguments[0]} if arguments[0] in COMMANDS else set())
     assert len(names) <= MODULES
 
 
@@ -94,7 +94,7 @@ def test_completion_loads_its_command_only(words):
 def test_the_list_of_commands_says_what_their_help_says(name):
     command = main.get_command(click.Context(main), name)
     first = inspect.cleandoc(command.help).split("\n\n")[0]
-    assert " ".join(first.split()) == COMMANDS[name][1]
+    assert " ".join(first.split()) == COMMANDS[name]
     assert command.name == name
 
 

@@ -15,7 +15,7 @@ from .delivery import figures, summary
 from .options import html_option, json_option, volume_options
 from .streams import say
 from .support import NOT_CERTIFIED, Report, all_or_nothing, check_outputs, command_line, failures, keep_inputs
-from .watch import watched
+from .watch import read_model, watched
 
 __all__ = ["check"]
 
@@ -27,7 +27,6 @@ __all__ = ["check"]
 @volume_options
 def check(file: str, html_path: str | None, json_path: str | None) -> None:
     """Topology, certificate, quality and continuity of the multi-patch FILE."""
-    from .. import io
     from ..geometry.conformity.coincidences import coincidences
     from ..geometry.labels import plain
     from ..measure.bounds import can_be_proved
@@ -41,9 +40,7 @@ def check(file: str, html_path: str | None, json_path: str | None) -> None:
         keep_inputs([file], [html_path, json_path])
         with watched() as progress:
             clock = Clock(progress)
-            with clock("reading") as stage:
-                model = io.read(file)
-                stage.found = repr(model)
+            model = read_model(clock, file)
             with clock("certificate") as stage:
                 certificate = certify(model)
                 stage.found = certificate.status

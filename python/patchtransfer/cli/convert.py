@@ -8,7 +8,7 @@ from ..progress import Clock
 from .options import polynomial_option, volume_options
 from .streams import say
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs
-from .watch import watched
+from .watch import read_model, watched
 
 __all__ = ["convert"]
 
@@ -45,9 +45,7 @@ def _polynomial(file: str, output: str, tolerance: float, clock: Clock) -> list[
     from .. import io
     from ..conversion import to_polynomial
 
-    with clock("reading") as stage:
-        model = io.read(file)
-        stage.found = repr(model)
+    model = read_model(clock, file)
     with clock("conversion") as stage:
         made = to_polynomial(model, tolerance)
         stage.found = str(made)

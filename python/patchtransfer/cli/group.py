@@ -25,23 +25,22 @@ class Commands(click.Group):
 
     Parameters
     ----------
-    modules : mapping
-        Of every command's name the module of this package that holds it, and what a list of commands says of it: the
-        first paragraph of the command's own help.
+    told : mapping
+        Of every command's name, which is that of its module in this package too, what a list of commands says of it:
+        the first paragraph of the command's own help.
     """
 
-    def __init__(self, *args: Any, modules: Mapping[str, tuple[str, str]], **kwargs: Any) -> None:
+    def __init__(self, *args: Any, told: Mapping[str, str], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._modules = {name: module for name, (module, _) in modules.items()}
-        for name, (_, told) in modules.items():
+        for name, text in told.items():
             # Stands for the command where only its name and this line are shown.
-            self.add_command(click.Command(name, help=told))
+            self.add_command(click.Command(name, help=text))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command itself; its module is loaded."""
-        if cmd_name not in self._modules:
+        if cmd_name not in self.commands:
             return None
-        return cast(click.Command, getattr(import_module(f".{self._modules[cmd_name]}", __package__), cmd_name))
+        return cast(click.Command, getattr(import_module(f".{cmd_name}", __package__), cmd_name))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands, none of which is loaded."""

@@ -12,7 +12,7 @@ from ..progress import Clock
 from .options import FILE, json_option, threads_option, volume_options
 from .streams import say, table, warn
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs, set_threads
-from .watch import watched
+from .watch import read_model, watched
 
 if TYPE_CHECKING:
     from ..iga import PoissonResult
@@ -75,9 +75,7 @@ def poisson(
         set_threads(threads)
         with watched() as progress:
             clock = Clock(progress)
-            with clock("reading") as stage:
-                model = io.read(file)
-                stage.found = repr(model)
+            model = read_model(clock, file)
             given = _conditions(dirichlet, neumann, robin, load)
             knots = "uniform" if uniform else "auto"
             result = solve(model, degree=degree, points=points, knots=knots, progress=progress, **given)

@@ -11,7 +11,7 @@ from .delivery import figures, quality_lines
 from .options import json_option, volume_options
 from .streams import say, table
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs
-from .watch import watched
+from .watch import read_model, watched
 
 __all__ = ["quality"]
 
@@ -28,7 +28,6 @@ def quality(file: str, proved: bool, width: float, samples: int, json_path: str 
 
     Nothing is left out: at a degenerate corner the one is 0, the other infinite.
     """
-    from .. import io
     from ..measure.quality import quality as measured
 
     report = Report(json_path)
@@ -37,9 +36,7 @@ def quality(file: str, proved: bool, width: float, samples: int, json_path: str 
         keep_inputs([file], [json_path])
         with watched() as progress:
             clock = Clock(progress)
-            with clock("reading") as stage:
-                model = io.read(file)
-                stage.found = repr(model)
+            model = read_model(clock, file)
             with clock("quality") as stage:
                 found = measured(model, samples, proved=proved, width=width)
                 stage.found = figures(found)

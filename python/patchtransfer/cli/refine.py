@@ -12,7 +12,7 @@ from ..progress import Clock
 from .options import FILE, json_option, volume_options
 from .streams import say, warn
 from .support import Report, all_or_nothing, check_outputs, failures, keep_inputs
-from .watch import watched
+from .watch import read_model, watched
 
 if TYPE_CHECKING:
     from ..geometry.multipatch import MultiPatch
@@ -69,9 +69,7 @@ def refine(
             raise InputError("--weld closes gaps with --conform only; give both")
         with watched() as progress:
             clock = Clock(progress)
-            with clock("reading") as stage:
-                model = io.read(file)
-                stage.found = repr(model)
+            model = read_model(clock, file)
             done = None
             if conform:
                 with clock("conforming") as stage:

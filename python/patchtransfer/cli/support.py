@@ -15,7 +15,6 @@ import click
 from .. import interruption
 from ..errors import InfeasibleTargetError, InputError, InputWarning, TransferError
 from ..files import json_text, write_atomic
-from ..libraries import library
 from .streams import print_error, warn, write_out
 
 __all__ = [
@@ -141,7 +140,9 @@ def check_outputs(**outputs: str | None) -> None:
         if Path(path).suffix.lower() not in (known := _suffixes(kind)):
             raise InputError(f"{path}: unknown format for a {kind}; use {', '.join(known)}")
         if kind == "picture":
-            library("matplotlib", "plot", f"{path}: the picture")
+            from ..plot.drawing import need_matplotlib
+
+            need_matplotlib(f"{path}: the picture")
         folder = Path(path).absolute().parent
         if not folder.is_dir():
             raise InputError(f"{path}: the folder {folder} does not exist; create it first")

@@ -37,33 +37,30 @@ def _paper_options(context: click.Context, parameter: click.Parameter, text: str
         raise click.BadParameter(str(error)) from error
 
 
+def _choice(name: str, told: str | None = None) -> Callable[[Any], Any]:
+    """An option with the choices and the default that `Options` has."""
+    kind, default = click.Choice(CHOICES[name]), getattr(Options, name)
+    return click.option(f"--{name}", type=kind, default=default, show_default=True, help=told)
+
+
 def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
     """The options of a transfer, for `chosen`."""
     for option in reversed(
         (
-            click.option("--method", type=click.Choice(CHOICES["method"]), default=Options.method, show_default=True),
-            click.option(
-                "--refine",
-                type=click.Choice(CHOICES["refine"]),
-                default=Options.refine,
-                show_default=True,
-                help="auto: insert knots into the source where it misses the target by 5 times the fit tolerance; "
+            _choice("method"),
+            _choice(
+                "refine",
+                "auto: insert knots into the source where it misses the target by 5 times the fit tolerance; "
                 "refine it if no certified map is found. tolerance: wherever it misses by more than the tolerance.",
             ),
-            click.option(
-                "--split",
-                type=click.Choice(CHOICES["split"]),
-                default=Options.split,
-                show_default=True,
-                help="auto: split the source's patches, in whole strips, where the target has corners that no joint "
+            _choice(
+                "split",
+                "auto: split the source's patches, in whole strips, where the target has corners that no joint "
                 "of the source takes.",
             ),
-            click.option(
-                "--mirror",
-                type=click.Choice(CHOICES["mirror"]),
-                default=Options.mirror,
-                show_default=True,
-                help="auto: mirror the source where the target is clearly its mirror image, or landmarks say so.",
+            _choice(
+                "mirror",
+                "auto: mirror the source where the target is clearly its mirror image, or landmarks say so.",
             ),
             fit_tolerance_option,
             click.option(
@@ -91,12 +88,9 @@ def transfer_options(command: Callable[..., None]) -> Callable[..., None]:
                 help="Keep all joints where registration puts them, or let those that are neither corners nor "
                 "landmarks slide to lower the distortion (default, but for the paper's method).",
             ),
-            click.option(
-                "--correspondence",
-                type=click.Choice(CHOICES["correspondence"]),
-                default=Options.correspondence,
-                show_default=True,
-                help="Of those found without landmarks: the best, or the second best.",
+            _choice(
+                "correspondence",
+                "Of those found without landmarks: the best, or the second best.",
             ),
             click.option(
                 "--paper-options",

@@ -14,7 +14,10 @@ from .streams import QUIET, one_line, print_line, redirected, told, volume, writ
 if TYPE_CHECKING:
     from rich.live import Live
 
-__all__ = ["Watch", "watched"]
+    from ..geometry.multipatch import MultiPatch
+    from ..progress import Clock
+
+__all__ = ["Watch", "read_model", "watched"]
 
 #: Seconds after which a status line appears: what is over before needs none, and pays for no library that draws.
 DELAY = 1.0
@@ -23,6 +26,16 @@ DELAY = 1.0
 def newton_step(stage: str, step: int, energy: float, determinant: float) -> str:
     """What a transfer tells of its progress: a stage that begins, or a Newton step."""
     return f"{stage}: step {step}, energy {energy:.4g}, smallest determinant {determinant:.3g}" if step else stage
+
+
+def read_model(clock: Clock, file: str) -> MultiPatch:
+    """The multi-patch of a file, as a stage of its own."""
+    from .. import io
+
+    with clock("reading") as stage:
+        model = io.read(file)
+        stage.found = repr(model)
+    return model
 
 
 class Watch:
